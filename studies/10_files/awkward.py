@@ -67,14 +67,14 @@ class Case:
         Of ``ldbb-bayes import``.
     """
 
-    what: str
+    description: str
     files: Mapping[str, bytes]
     options: Sequence[str] = ()
 
 
-def as_it_is(what: Any) -> Any:
+def as_it_is(content: Any) -> Any:
     """Nothing changed."""
-    return what
+    return content
 
 
 @dataclass(frozen=True)
@@ -182,34 +182,41 @@ def numbered_sheets(book: Workbook) -> None:
             sheet.append([float(a), float(r)])
 
 
-def open_document() -> bytes:
-    """The tests as sheets of an OpenDocument workbook, with the empty rows to the end that
-    spreadsheets leave below."""
-    sheets = []
-    for test in campaign().tests:
-        rows = [[f'string"><text:p>{name}</text:p>' for name in ("Winkel [°]", "Messwert [µm]")]]
-        rows += [
-            [f'float" office:value="{float(x)!r}">' for x in row]
-            for row in zip(test.angle_deg, test.reading_um, strict=True)
-        ]
-        cells = [
-            "".join(f'<table:table-cell office:value-type="{own}</table:table-cell>' for own in row)
-            for row in rows
-        ]
-        filled = "".join(f"<table:table-row>{own}</table:table-row>" for own in cells)
-        below = (
-            "<table:table-row"
-            ' table:number-rows-repeated="1048503"><table:table-cell/></table:table-row>'
-        )
-        sheets.append(
-            f'<table:table table:name="{test.name} {test.pressure_bar:g}'
-            f' bar">{filled}{below}</table:table>'
-        )
-    names = "".join(
-        f' xmlns:{own}="urn:oasis:names:tc:opendocument:xmlns:{own}:1.0"'
-        for own in ("office", "table", "text")
+def open_document_cell(value: str | float) -> str:
+    """One cell of a sheet of an OpenDocument workbook."""
+    if isinstance(value, str):
+        content = f'string"><text:p>{value}</text:p>'
+    else:
+        content = f'float" office:value="{float(value)!r}">'
+    return f'<table:table-cell office:value-type="{content}</table:table-cell>'
+
+
+def open_document_row(values: Sequence[str | float]) -> str:
+    """One row of a sheet of an OpenDocument workbook."""
+    cells = "".join(open_document_cell(value) for value in values)
+    return f"<table:table-row>{cells}</table:table-row>"
+
+
+def open_document_sheet(test: lb.CircularTest) -> str:
+    """One test, with the empty rows to the end that spreadsheets leave below."""
+    rows = [open_document_row(["Winkel [°]", "Messwert [µm]"])]
+    for angle, reading in zip(test.angle_deg, test.reading_um, strict=True):
+        rows.append(open_document_row([angle, reading]))
+    below = (
+        "<table:table-row"
+        ' table:number-rows-repeated="1048503"><table:table-cell/></table:table-row>'
     )
-    body = f"<office:body><office:spreadsheet>{''.join(sheets)}</office:spreadsheet></office:body>"
+    name = f"{test.name} {test.pressure_bar:g} bar"
+    return f'<table:table table:name="{name}">{"".join(rows)}{below}</table:table>'
+
+
+def open_document() -> bytes:
+    """The tests as sheets of an OpenDocument workbook."""
+    sheets = "".join(open_document_sheet(test) for test in campaign().tests)
+    names = ""
+    for prefix in ("office", "table", "text"):
+        names += f' xmlns:{prefix}="urn:oasis:names:tc:opendocument:xmlns:{prefix}:1.0"'
+    body = f"<office:body><office:spreadsheet>{sheets}</office:spreadsheet></office:body>"
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w") as archive:
         archive.writestr("mimetype", "application/vnd.oasis.opendocument.spreadsheet")
@@ -225,13 +232,13 @@ def open_document() -> bytes:
 
 def wide(angle: str, names: Sequence[str], separator: str = ",", decimal: str = ".") -> bytes:
     """All tests side by side, readings in mm."""
-    rows = zip(
-        campaign().tests[0].angle_deg, *(test.reading_um for test in campaign().tests), strict=True
-    )
-    lines = [
-        separator.join([f"{a:g}", *(f"{r * 1e-3:.5f}" for r in readings)]).replace(".", decimal)
-        for a, *readings in rows
-    ]
+    tests = campaign().tests
+    lines = []
+    for k, angle_deg in enumerate(tests[0].angle_deg):
+        cells = [f"{angle_deg:g}"]
+        for test in tests:
+            cells.append(f"{test.reading_um[k] * 1e-3:.5f}")
+        lines.append(separator.join(cells).replace(".", decimal))
     return "\n".join([separator.join([angle, *names]), *lines, ""]).encode()
 
 
@@ -262,24 +269,26 @@ def log(
 
 def by_the_clock(files: Mapping[str, bytes], *, twelve: bool = False) -> dict[str, bytes]:
     """Logs that begin ten seconds before midnight, by a clock of 24 or of twelve hours."""
+    by_clock = {}
+    for name, content in files.items():
+        lines = content.decode().split("\n")
+        rows = [line_by_the_clock(line, twelve=twelve) for line in lines]
+        by_clock[name] = "\n".join(rows).encode()
+    return by_clock
 
-    def row(line: str) -> str:
-        seconds, _, reading = line.partition(";")
-        if not seconds[:1].isdigit():
-            return line.replace("t (s)", "time")
-        since = (86_390.0 + float(seconds)) % 86_400.0
-        hour = int(since // 3600)
-        rest = f"{int(since // 60) % 60:02d}:{since % 60.0:09.6f}"
-        return (
-            f"{(hour + 11) % 12 + 1}:{rest} {'PM' if hour > 11 else 'AM'};{reading}"
-            if twelve
-            else f"{hour:02d}:{rest};{reading}"
-        )
 
-    return {
-        name: "\n".join(row(line) for line in content.decode().split("\n")).encode()
-        for name, content in files.items()
-    }
+def line_by_the_clock(line: str, *, twelve: bool) -> str:
+    """A line of a log, its seconds as a time of the day."""
+    seconds, _, reading = line.partition(";")
+    if not seconds[:1].isdigit():
+        return line.replace("t (s)", "time")
+    seconds_of_day = (86_390.0 + float(seconds)) % 86_400.0
+    hour = int(seconds_of_day // 3600)
+    minutes = f"{int(seconds_of_day // 60) % 60:02d}:{seconds_of_day % 60.0:09.6f}"
+    if not twelve:
+        return f"{hour:02d}:{minutes};{reading}"
+    half = "PM" if hour > 11 else "AM"
+    return f"{(hour + 11) % 12 + 1}:{minutes} {half};{reading}"
 
 
 def laps(count: int) -> dict[str, bytes]:
@@ -528,7 +537,7 @@ def main() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         for file, content in case.files.items():
             (folder / file).write_bytes(content)
-        lines.append(f"| {name} | {case.what} | {' '.join(case.options)} |")
+        lines.append(f"| {name} | {case.description} | {' '.join(case.options)} |")
     (root / "README.md").write_text("\n".join([*lines, ""]), encoding="utf-8")
 
 

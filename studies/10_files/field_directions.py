@@ -54,7 +54,7 @@ def column_cases() -> dict[str, FieldCase]:
             kind,
             f"{clockwise_word} and {other_word}",
             turned_in_turn((clockwise_word, other_word)),
-            told="time_s: V0 at 0 min",
+            note="time_s: V0 at 0 min",
             circles=IN_TURN,
         )
     cases["direction_column_unknown"] = FieldCase(
@@ -70,7 +70,7 @@ def column_cases() -> dict[str, FieldCase]:
 
 def clockwise(circle: Circle, k: int) -> list[object]:
     """Return a row over time of a circle that was run clockwise from +X."""
-    time, _ = field.logged(lambda seconds: f"{seconds:.4f}")(circle, k)
+    time, _ = field.logged(field.seconds_text)(circle, k)
     return [time, f"{circle.reading_um[-k]:.3f}"]
 
 
@@ -100,7 +100,7 @@ def log_programme_cases() -> dict[str, FieldCase]:
             kind,
             f"a log with lines '{programme.replace(chr(10), ', ')}'",
             field.texts(LOG_HEADER, clockwise_from_y, above=programme),
-            told="start_deg: 90°",
+            note="start_deg: 90°",
             circles=CLOCKWISE,
         )
     for name, block in (("radius", f"G02 X=0 Y={radius} CR={radius}"), ("pole", "CP IPA-360 DR-")):
@@ -125,14 +125,14 @@ def log_direction_cases() -> dict[str, FieldCase]:
             kind,
             f"a log with a line '{line}'",
             field.texts(LOG_HEADER, clockwise, above=f"{FEED}\n{line}"),
-            told="direction: CW",
+            note="direction: CW",
             circles=CLOCKWISE,
         )
     cases["direction_log_start"] = FieldCase(
         kind,
         "a log with a line 'G2, start at Y+'",
         field.texts(LOG_HEADER, clockwise_from_y, above=f"{FEED}\nG2, start at Y+"),
-        told="direction: CW",
+        note="direction: CW",
         circles=CLOCKWISE,
     )
     named = field.texts(LOG_HEADER, clockwise, above=FEED)
@@ -140,7 +140,7 @@ def log_direction_cases() -> dict[str, FieldCase]:
         kind,
         "logs whose names end in _G2",
         {name.replace(".csv", "_G2.csv"): content for name, content in named.items()},
-        told="direction: CW",
+        note="direction: CW",
         circles=CLOCKWISE,
     )
     asked = ("Direction: -1", "Sense of rotation: negative", "Sens: négatif", "Travel: reverse")
@@ -165,10 +165,8 @@ def log_direction_cases() -> dict[str, FieldCase]:
     cases["direction_log_balls"] = FieldCase(
         kind,
         "a log with a line 'Balls: grade G3'",
-        field.texts(
-            LOG_HEADER, field.logged(lambda s: f"{s:.4f}"), above=f"{FEED}\nBalls: grade G3"
-        ),
-        told="direction: CCW (none stated",
+        field.texts(LOG_HEADER, field.logged(field.seconds_text), above=f"{FEED}\nBalls: grade G3"),
+        note="direction: CCW (none stated",
     )
     return cases
 
@@ -188,7 +186,7 @@ def shared_line_cases() -> dict[str, FieldCase]:
             kind,
             f"a line '{line}'",
             field.texts("Angle [deg],Reading [um]", field.turned(90.0, -1), above=line),
-            told="angle: from +Y, CW",
+            note="angle: from +Y, CW",
         )
     return cases
 
@@ -203,7 +201,7 @@ def plane_cases() -> dict[str, FieldCase]:
             kind,
             "files whose names begin with G18",
             {f"G18_{name}": content for name, content in field.texts(header).items()},
-            told="plane: ZX (its name",
+            note="plane: ZX (its name",
         ),
         "plane_swapped_in_name": FieldCase(
             kind,
@@ -231,12 +229,12 @@ def plane_cases() -> dict[str, FieldCase]:
             kind,
             "a line 'Plane: horizontal'",
             field.texts(header, above="Plane: horizontal"),
-            told="plane: XY (line 1 says 'Plane: horizontal', not understood",
+            note="plane: XY (line 1 says 'Plane: horizontal', not understood",
         ),
     }
     for number, line in enumerate(("Plane G18", "Ebene: G18", "G18", "Plan : ZX")):
         cases[f"plane_line_{number}"] = FieldCase(
-            kind, f"a line '{line}'", field.texts(header, above=line), told="plane: ZX (line 1"
+            kind, f"a line '{line}'", field.texts(header, above=line), note="plane: ZX (line 1"
         )
     for number, line in enumerate(("Plane: XZ", "XZ plane, programmed in G18")):
         cases[f"plane_swapped_{number}"] = FieldCase(

@@ -72,7 +72,7 @@ class FieldCase:
     """Files of one kind, what is in them, and the step that the refusal of them names."""
 
     kind: str
-    what: str
+    description: str
     files: Mapping[str, bytes]
     #: words of the refusal; empty if the files are read at once
     refusal: str = ""
@@ -83,7 +83,7 @@ class FieldCase:
     #: options of the import besides the step
     options: tuple[str, ...] = ()
     #: words of a note that the import must make
-    told: str = ""
+    note: str = ""
     circles: Sequence[Circle] = field(default=TRUTH)
 
 
@@ -230,6 +230,11 @@ def wide(header: str, row: Callable[[int], Sequence[object]], above: str = "") -
 
 def readings_of(k: int) -> list[str]:
     return [f"{circle.reading_um[k]:.3f}" for circle in TRUTH]
+
+
+def angle_and_readings(k: int) -> list[str]:
+    """Angle in whole degrees, and the reading of each circle."""
+    return [f"{5 * k}", *readings_of(k)]
 
 
 def shifted_pairs(k: int) -> list[str]:
@@ -580,7 +585,7 @@ def diameter_cases() -> dict[str, FieldCase]:
     for name, header in headers.items():
         files = texts(f"Angle [deg],{header}", doubled)
         cases[f"header_{name}"] = FieldCase(
-            kind, f"a header '{header}'", files, told="half of each, as it is of the diameter"
+            kind, f"a header '{header}'", files, note="half of each, as it is of the diameter"
         )
     lines = {
         "values": "Values: diameter deviations",
@@ -590,7 +595,7 @@ def diameter_cases() -> dict[str, FieldCase]:
     for name, line in lines.items():
         files = texts("Angle [deg],Reading [um]", doubled, above=line)
         cases[f"line_{name}"] = FieldCase(
-            kind, f"a line '{line}'", files, told="half of each, as it is of the diameter"
+            kind, f"a line '{line}'", files, note="half of each, as it is of the diameter"
         )
     cases["diameter_in_mm"] = FieldCase(
         kind, "diameters of the circle in mm", texts("Angle [deg],Diameter [mm]", distances)
@@ -666,13 +671,13 @@ def radius_cases() -> dict[str, FieldCase]:
         kind,
         "a line 'D200'",
         texts("Angle [deg],Reading [um]", above="D200"),
-        told="line 1 says D200, not taken",
+        note="line 1 says D200, not taken",
     )
     cases["radius_unknown_length"] = FieldCase(
         kind,
         "a line 'Nennmaß: 100 mm'",
         texts("Angle [deg],Reading [um]", above="Nennmaß: 100 mm"),
-        told="says Nennmaß: 100 mm, not taken",
+        note="says Nennmaß: 100 mm, not taken",
     )
     cases["radius_twice"] = FieldCase(
         kind,
@@ -832,15 +837,21 @@ def uneven(stamp: Callable[[float], str]) -> Callable[[float], str]:
     return late
 
 
+def seconds_text(seconds: float) -> str:
+    return f"{seconds:.4f}"
+
+
 def log_cases() -> dict[str, FieldCase]:
     kind = "logs over time"
     feed = f"Feed: {FEED_MM_PER_MIN:g} mm/min"
     epoch = 1_790_000_000.0
 
-    def case(what: str, header: str, stamp: Callable[[float], str], **fields: Any) -> FieldCase:
+    def case(
+        description: str, header: str, stamp: Callable[[float], str], **fields: Any
+    ) -> FieldCase:
         above = fields.pop("above", feed)
         return FieldCase(
-            kind, what, texts(f"{header},Reading [um]", logged(stamp), above=above), **fields
+            kind, description, texts(f"{header},Reading [um]", logged(stamp), above=above), **fields
         )
 
     return {
@@ -849,7 +860,7 @@ def log_cases() -> dict[str, FieldCase]:
             "milliseconds since 1970",
             "timestamp",
             lambda s: f"{1e3 * (epoch + s):.1f}",
-            told="unit of the time: ms (stamps since 1970",
+            note="unit of the time: ms (stamps since 1970",
         ),
         "epoch_us": case(
             "microseconds since 1970", "timestamp", lambda s: f"{1e6 * (epoch + s):.0f}"
@@ -868,7 +879,7 @@ def log_cases() -> dict[str, FieldCase]:
             "ISO stamps without offsets across a clock change",
             "Time",
             across_clock_change(False),
-            told="the clock was set back",
+            note="the clock was set back",
         ),
         "past_midnight_with_dates": case(
             "dates and times past midnight",
@@ -879,7 +890,7 @@ def log_cases() -> dict[str, FieldCase]:
             "a clock set back by a second",
             "Time [s]",
             with_jump(14.0, -1.0),
-            told="the clock was set back",
+            note="the clock was set back",
         ),
         "set_back_and_uneven": case(
             "a clock set back in an uneven log",
@@ -898,25 +909,25 @@ def log_cases() -> dict[str, FieldCase]:
         "feed_in_label": case(
             "a feed with its unit in the label",
             "Time [s]",
-            lambda s: f"{s:.4f}",
+            seconds_text,
             above="Vorschub [mm/min]: 2000",
         ),
         "feed_in_cells": case(
             "a feed with its unit in the label, in cells",
             "Time [s]",
-            lambda s: f"{s:.4f}",
+            seconds_text,
             above="Vorschub [mm/min],2000",
         ),
         "feed_in_brackets": case(
             "a feed F (mm/min)",
             "Time [s]",
-            lambda s: f"{s:.4f}",
+            seconds_text,
             above="Feed rate F (m/min) = 2.0",
         ),
         "feed_missing": case(
             "a log without a feed",
             "Time [s]",
-            lambda s: f"{s:.4f}",
+            seconds_text,
             above="",
             refusal="Give --feed-mm-per-min",
             step=("--feed-mm-per-min", "2000"),
@@ -944,13 +955,13 @@ def sign_cases() -> dict[str, FieldCase]:
             kind,
             f"a line '{line}'",
             texts(header, negated, above=line),
-            told="sign of the reading: −1: a longer bar is negative",
+            note="sign of the reading: −1: a longer bar is negative",
         )
     cases["sign_longer"] = FieldCase(
         kind,
         "a line 'Positive = bar longer'",
         texts(header, above="Positive = bar longer"),
-        told="sign of the reading: 1: a longer bar is positive",
+        note="sign of the reading: 1: a longer bar is positive",
     )
     headers = {
         "minus": "-dR [um]",
@@ -963,7 +974,7 @@ def sign_cases() -> dict[str, FieldCase]:
             kind,
             f"a header '{words}'",
             texts(f"Angle [deg],{words}", negated),
-            told="sign of the reading: −1: a longer bar is negative",
+            note="sign of the reading: −1: a longer bar is negative",
         )
     for words in ("R - Rnom [um]", "Ist-Soll [µm]"):
         cases[f"sign_header_{words[0]}"] = FieldCase(
@@ -1011,20 +1022,20 @@ def direction_cases() -> dict[str, FieldCase]:
             kind,
             f"a line '{line}'",
             texts("Angle [deg],Reading [um]", above=line),
-            told=f"direction: {direction}",
+            note=f"direction: {direction}",
             circles=tuple(replace(circle, direction=direction) for circle in TRUTH),
         )
     cases["direction_unknown"] = FieldCase(
         kind,
         "a line 'Direction: widdershins'",
         texts("Angle [deg],Reading [um]", above="Direction: widdershins"),
-        told="'Direction: widdershins', not understood",
+        note="'Direction: widdershins', not understood",
     )
     cases["direction_unknown_subject"] = FieldCase(
         kind,
         "a line 'Spindle clockwise'",
         texts("Angle [deg],Reading [um]", above="Turntable clockwise"),
-        told="'Turntable clockwise', not understood",
+        note="'Turntable clockwise', not understood",
     )
     return cases
 
@@ -1100,19 +1111,19 @@ def numbers_as_text(sheet: Any, circle: Circle) -> None:
 def workbook_cases() -> dict[str, FieldCase]:
     return {
         "hidden_sheet": FieldCase(
-            "hidden", "a hidden sheet", hidden_workbook("hidden"), told="hidden sheets: 'old 450 N'"
+            "hidden", "a hidden sheet", hidden_workbook("hidden"), note="hidden sheets: 'old 450 N'"
         ),
         "very_hidden_sheet": FieldCase(
             "hidden",
             "a sheet that only a macro shows",
             hidden_workbook("veryHidden"),
-            told="hidden sheets: 'old 450 N'",
+            note="hidden sheets: 'old 450 N'",
         ),
         "hidden_rows": FieldCase(
             "hidden",
             "hidden rows below the table",
             sheets(change=hide_repeated_rows),
-            told="6 hidden rows",
+            note="6 hidden rows",
         ),
         "formula_without_value": FieldCase(
             "formulas",

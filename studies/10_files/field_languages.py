@@ -45,8 +45,8 @@ def glued_cases() -> dict[str, FieldCase]:
     for circle in TRUTH:
         line = f"Siła: {circle.force_N / NEWTONS_PER_KGF:.7f} kG"
         header = "kąt [°];odchyłka [µm]"
-        own = field.texts(header, above=line, separator=";", suffix=".txt", circles=[circle])
-        polish[f"pomiar {circle.force_N:g}.txt"] = next(iter(own.values()))
+        files = field.texts(header, above=line, separator=";", suffix=".txt", circles=[circle])
+        polish[f"pomiar {circle.force_N:g}.txt"] = next(iter(files.values()))
     return {
         "units_without_blanks": FieldCase(
             kind,
@@ -116,7 +116,7 @@ def pandas_cases() -> dict[str, FieldCase]:
             "JSON and Octave",
             "attributes, names of columns and rows; 'positive when the bar is extended'",
             files,
-            told="sign of the reading: 1: a longer bar is positive (line 3",
+            note="sign of the reading: 1: a longer bar is positive (line 3",
         )
     }
 
@@ -142,7 +142,7 @@ def stamp_cases() -> dict[str, FieldCase]:
             "times of tests in other languages",
             f"a line '{line.format(k=0)}'",
             files,
-            told="time_s: 100N at 0 min, 300N at 3 min, 600N at 6 min (line 1",
+            note="time_s: 100N at 0 min, 300N at 3 min, 600N at 6 min (line 1",
         )
     return cases
 
@@ -198,7 +198,7 @@ def channel_cases() -> dict[str, FieldCase]:
             files,
             refusal="--header-line where it is another, 0 for none",
             step=("--header-line", "0"),
-            told="unit of the angle: 0.001 deg (line 3",
+            note="unit of the angle: 0.001 deg (line 3",
         )
     }
 
@@ -229,7 +229,7 @@ def sample_cases() -> dict[str, FieldCase]:
             files,
             refusal="Say which: --angle-column, or --time-column",
             step=("--time-column", "MUESTRA", "--reading-column", "CUENTA"),
-            told="unit of the time: ",
+            note="unit of the time: ",
             circles=tuple(replace(circle, direction="CCW") for circle in TRUTH),
         )
     }
@@ -247,7 +247,7 @@ def diameter_cases() -> dict[str, FieldCase]:
                 above="Grandeza;variação do diâmetro (não do raio)",
                 separator=";",
             ),
-            told="reading: half of each, as it is of the diameter",
+            note="reading: half of each, as it is of the diameter",
         )
     }
 

@@ -72,7 +72,7 @@ def order_cases() -> dict[str, FieldCase]:
         "orders of points",
         "points of a coordinate measuring machine in any order, readings nominal minus measured",
         field.texts(header, shuffled, separator=";"),
-        told="rows: sorted by angle",
+        note="rows: sorted by angle",
     )
     return {"points_in_any_order": case}
 
@@ -110,14 +110,14 @@ def list_cases() -> dict[str, FieldCase]:
             "lists of tests",
             f"{first}, pressure, direction, time and radius",
             listed_workbook([first, *english], ("CCW", "CW")),
-            told="time_s: Essai 1 at 0 min",
+            note="time_s: Essai 1 at 0 min",
             circles=LISTED,
         )
     cases["list_french"] = FieldCase(
         "lists of tests",
         "in French: essai, pression, sens, heure and rayon",
         listed_workbook(french, ("antihoraire", "horaire")),
-        told="time_s: Essai 1 at 0 min",
+        note="time_s: Essai 1 at 0 min",
         circles=LISTED,
     )
     return cases
@@ -142,7 +142,7 @@ def companion_cases() -> dict[str, FieldCase]:
     cases = {}
     for name, content in texts.items():
         cases[f"companion_{name}"] = FieldCase(
-            kind, f"{name} beside three circles", {**circles, name: content.encode()}, told=name
+            kind, f"{name} beside three circles", {**circles, name: content.encode()}, note=name
         )
     for name, content in refused.items():
         cases[f"companion_{name}"] = FieldCase(
@@ -265,8 +265,8 @@ def parts_beside() -> dict[str, bytes]:
         lines = [",".join([HEADER] * 3)]
         for k in range(24):
             cells: list[str] = []
-            for part in range(3):
-                cells += [str(cell) for cell in field.plain(circle, 24 * part + k)]
+            for third in range(3):
+                cells += [str(cell) for cell in field.plain(circle, 24 * third + k)]
             lines.append(",".join(cells))
         files[f"{circle.force_N:g}N.csv"] = "\n".join([*lines, ""]).encode()
     return files
@@ -280,8 +280,8 @@ def ruled_parts(n_parts: int) -> dict[str, bytes]:
         lines = ["  Winkel  Abw." * n_parts, "  Grad  um" * n_parts, "-" * 52]
         for k in range(n_rows):
             cells: list[str] = []
-            for part in range(n_parts):
-                cells += [str(cell) for cell in field.plain(circle, n_rows * part + k)]
+            for block in range(n_parts):
+                cells += [str(cell) for cell in field.plain(circle, n_rows * block + k)]
             lines.append("  " + "  ".join(cells))
         files[f"{circle.force_N:g}N.txt"] = "\n".join([*lines, ""]).encode()
     return files
@@ -300,7 +300,7 @@ def page_cases() -> dict[str, FieldCase]:
             "pages",
             f"{title!r} and the header on each page",
             pages(title, "100 N;;300 N;;600 N;"),
-            told="the table goes on below them",
+            note="the table goes on below them",
         )
     cases["parts_beside_above_a_rule"] = FieldCase(
         "pages",
@@ -332,6 +332,6 @@ def numbering_cases() -> dict[str, FieldCase]:
             "two columns that number the circles",
             f"{first} and {second}",
             {"all.csv": "\n".join([*lines, ""]).encode()},
-            told="only both together name tests of one force",
+            note="only both together name tests of one force",
         )
     return cases

@@ -138,6 +138,8 @@ HEADERS = {
     "given in": "{word} given in {unit}",
     "twice": "{word} {unit} [{unit}]",
 }
+# Lines in which nothing but its place says that a word is a unit.
+_LINES_WITHOUT_WORDS_FOR_UNITS = ("{u}", "[{u}]", "Deviation ({u})", "Readings [{u}]")
 # Places in a header where a word that is no unit is a word of the header.
 _BARE = ("no brackets", "slash", "comma", "underscore", "dash", "colon", "nameless column")
 READING_PLACES = (*HEADERS, "row", "line", "column", "cells", "format", "nowhere")
@@ -454,7 +456,7 @@ class WrittenCircle:
 class Mutation:
     """Mutated files, and the circles that they hold."""
 
-    what: str
+    description: str
     files: Mapping[str, bytes]
     circles: Sequence[WrittenCircle]
     #: subjects of notes on what the files state in some way: a note must not say that nothing does
@@ -569,6 +571,10 @@ class _Draft:
     def number(self, value: float, digits: int) -> str:
         return f"{value:.{digits}f}".replace(".", self.decimal)
 
+    def units(self) -> Sequence[str]:
+        """Return the units of all readings."""
+        return self.changing_units or [self.reading_unit]
+
     def unit_of(self, k: int) -> str:
         """Return the unit of the readings of circle k."""
         return self.changing_units[k] if self.changing_units else self.reading_unit
@@ -601,17 +607,12 @@ def mutation(random: Random) -> Mutation:
     if draft.reading_place == "format":
         draft.shape = "workbook"
     if draft.shape == "files":
-        draft.force_place = pick(random, FORCE_PLACES)
-        draft.force_unit = pick(random, FORCE_UNITS)
-        draft.meaning = replace(draft.meaning, N_per_force=FORCE_UNITS[draft.force_unit])
-    if draft.radius_column and draft.shape != "files":
+        _draw_force(draft)
+    elif draft.radius_column:
         draft.radius_column = ""
         draft.add_line(RADIUS_LINES)
-    if draft.shape != "wide" and draft.reading_place in ("line", "column", "cells", "brackets"):
-        is_separate = draft.shape == "files" or draft.reading_place in ("column", "cells")
-        if is_separate and chance(random, 0.15):
-            draft.changing_units = [pick(random, READING_UNITS) for _ in TRUTH]
-    return _files(draft)
+    _draw_changing_units(draft)
+    return _mutation_of(draft)
 
 
 def _draw_readings(draft: _Draft) -> None:
@@ -705,6 +706,24 @@ def _draw_name(draft: _Draft) -> None:
     draft.meaning = replace(draft.meaning, **changed)
 
 
+def _draw_force(draft: _Draft) -> None:
+    """Choose place and unit of the force of each file."""
+    draft.force_place = pick(draft.random, FORCE_PLACES)
+    draft.force_unit = pick(draft.random, FORCE_UNITS)
+    draft.meaning = replace(draft.meaning, N_per_force=FORCE_UNITS[draft.force_unit])
+
+
+def _draw_changing_units(draft: _Draft) -> None:
+    """Choose whether the unit of the readings differs from circle to circle, where it can."""
+    if draft.shape == "wide":
+        return
+    places = ("column", "cells")
+    if draft.shape == "files":
+        places = ("column", "cells", "line", "brackets")
+    if draft.reading_place in places and chance(draft.random, 0.15):
+        draft.changing_units = [pick(draft.random, READING_UNITS) for _ in TRUTH]
+
+
 def _draw_log(draft: _Draft) -> None:
     """Choose feed, start, direction and unit of the times of a log."""
     random = draft.random
@@ -749,75 +768,91 @@ def _row_of_cells(draft: _Draft, written: WrittenCircle, j: int, unit: str) -> l
     return cells
 
 
-def _files(draft: _Draft) -> Mutation:
+def _mutation_of(draft: _Draft) -> Mutation:
     """Return the files of a draft, as one for each circle, one table, or a workbook."""
     between = " " if draft.shape == "long" else ""
     addition = draft.name_addition if draft.shape == "workbook" else ""
-    names = [f"{circle.force_N:g}{between}N{addition}" for circle in TRUTH]
     circles = []
     for k, circle in enumerate(TRUTH):
-        circles.append(_written(circle, names[k], draft.meaning_of(k)))
-    unit_line = ""
+        name = f"{circle.force_N:g}{between}N{addition}"
+        circles.append(_written(circle, name, draft.meaning_of(k)))
     if draft.reading_place == "line":
-        unit_line = pick(draft.random, READING_UNIT_LINES)
-        if any(re.search(r"\d", unit) for unit in draft.changing_units or [draft.reading_unit]):
-            unit_line = unit_line.replace("1 ", "")
-        if "counts" in (*draft.changing_units, draft.reading_unit):
-            unit_line = READING_UNIT_LINES[0]
-    draft.unit_line = unit_line
+        draft.unit_line = _line_of_unit(draft)
     if draft.shape == "files":
-        files, circles = _one_file_each(draft, circles, unit_line)
+        files, circles = _one_file_each(draft, circles)
     else:
-        lines = list(draft.above)
-        if unit_line:
-            lines.append(unit_line.format(u=draft.reading_unit))
-        if draft.shape == "workbook":
-            files = _workbook(draft, circles, lines)
-        elif draft.shape == "long":
-            files = {"all.csv": _text([*lines, *_long_rows(draft, circles)])}
-        else:
-            files = {"all.csv": _text([*lines, *_wide_rows(draft, circles)])}
-    units = draft.changing_units or [draft.reading_unit]
-    shown = [
+        files = _all_in_one_file(draft, circles)
+    return Mutation(_description(draft), files, circles, _stated(draft))
+
+
+def _line_of_unit(draft: _Draft) -> str:
+    """Choose the line that states the unit of the readings, with a place for the unit."""
+    line = pick(draft.random, READING_UNIT_LINES)
+    units = draft.units()
+    if any(re.search(r"\d", unit) for unit in units):
+        line = line.replace("1 ", "")
+    if "counts" in (*draft.changing_units, draft.reading_unit):
+        line = READING_UNIT_LINES[0]
+    return line
+
+
+def _all_in_one_file(draft: _Draft, circles: Sequence[WrittenCircle]) -> dict[str, bytes]:
+    """Return a workbook, or a table in which circles stand below or beside each other."""
+    lines = list(draft.above)
+    if draft.unit_line:
+        lines.append(draft.unit_line.format(u=draft.reading_unit))
+    if draft.shape == "workbook":
+        return _workbook(draft, circles, lines)
+    if draft.shape == "long":
+        return {"all.csv": _text([*lines, *_long_rows(draft, circles)])}
+    return {"all.csv": _text([*lines, *_wide_rows(draft, circles)])}
+
+
+def _description(draft: _Draft) -> str:
+    """Return all choices of a draft in words."""
+    choices = [
         draft.shape,
-        f"unit {'/'.join(units)!r} in {draft.reading_place}",
+        f"unit {'/'.join(draft.units())!r} in {draft.reading_place}",
         f"angle {draft.angle_unit!r} in {draft.angle_place}",
         f"force {draft.force_unit} in {draft.force_place}",
         draft.reading_word,
         draft.angle_word,
         draft.radius_column,
         draft.name_addition,
-        unit_line,
+        draft.unit_line,
         *draft.above,
     ]
-    return Mutation("; ".join(shown), files, circles, _stated(draft))
+    return "; ".join(choices)
 
 
 def _stated(draft: _Draft) -> frozenset[str]:
     """Return the subjects of notes on what the files of a draft state."""
     stated = set()
-    units = draft.changing_units or [draft.reading_unit]
-    is_unknown_word = any(unit in ("V", "furlong") for unit in units)
-    place = draft.reading_place
-    if place == "column" and not draft.unit_header:
-        place = "nameless column"
-    if (
-        draft.unit_line in ("{u}", "[{u}]", "Deviation ({u})", "Readings [{u}]")
-        and draft.reading_place == "line"
-    ):
-        is_unknown_word = is_unknown_word or "counts" in units
-        place = "comma" if is_unknown_word else place
-    if place not in (*(_BARE if is_unknown_word else ()), "nowhere"):
+    if _is_unit_of_reading_stated(draft):
         stated.add("unit of the reading")
-    if draft.angle_place != "nowhere":
+    if draft.angle_place != "nowhere" and not draft.meaning.feed_mm_per_min:
         stated.add("unit of the angle")
     if draft.is_unit_of_force_stated:
         stated.add("unit of the force")
     if draft.meaning.radius_mm != Meaning(1.0).radius_mm:
         stated.add("radius_mm")
-    if draft.meaning.feed_mm_per_min:
-        stated.discard("unit of the angle")
     return frozenset(stated)
+
+
+def _is_unit_of_reading_stated(draft: _Draft) -> bool:
+    """Whether a file states the unit of the reading; words that are no units need brackets."""
+    units = draft.units()
+    is_unknown_word = "V" in units or "furlong" in units
+    place = draft.reading_place
+    if place == "column" and not draft.unit_header:
+        place = "nameless column"
+    if place == "line" and draft.unit_line in _LINES_WITHOUT_WORDS_FOR_UNITS:
+        is_unknown_word = is_unknown_word or "counts" in units
+        if is_unknown_word:
+            place = "comma"
+    if is_unknown_word and place in _BARE:
+        return False
+    return place != "nowhere"
 
 
 def _text(lines: Sequence[str]) -> bytes:
@@ -845,48 +880,53 @@ def _heads(draft: _Draft, unit: str) -> list[list[str]]:
 
 
 def _one_file_each(
-    draft: _Draft, circles: Sequence[WrittenCircle], unit_line: str
+    draft: _Draft, circles: Sequence[WrittenCircle]
 ) -> tuple[dict[str, bytes], list[WrittenCircle]]:
     """Return a file for each circle, and the circles with the names of the files."""
-    files = {}
-    named = []
     force_line = pick(draft.random, FORCE_LINES)
     force_word = pick(draft.random, ("Force", "Kraft", "Load"))
     if draft.force_place == "column":
         draft.is_unit_of_force_stated = chance(draft.random, 0.7)
+    files = {}
+    named = []
     for k, written in enumerate(circles):
         force = f"{written.force:.7g}"
-        unit = draft.unit_of(k)
-        lines = list(draft.above)
-        if unit_line:
-            lines.append(unit_line.format(u=unit))
         name = f"c{k}"
         if draft.force_place == "name":
             name = f"{force} {draft.force_unit}"
-        name += draft.name_addition
+        file = f"{name}{draft.name_addition}.csv"
+        unit = draft.unit_of(k)
+        lines = list(draft.above)
+        if draft.unit_line:
+            lines.append(draft.unit_line.format(u=unit))
         force = force.replace(".", draft.decimal)
         if draft.force_place == "line":
             lines.append(force_line.format(f=force, u=draft.force_unit, s=draft.separator))
-        heads = _heads(draft, unit)
-        if draft.force_place == "column":
-            place = "brackets" if draft.is_unit_of_force_stated else "nowhere"
-            heads[0].append(_header(force_word, draft.force_unit, place))
-        radius_cell = ""
-        if draft.radius_column:
-            heads[0].append(draft.radius_column)
-            radius_cell = draft.with_radius(RADIUS_COLUMNS[draft.radius_column])
-            radius_cell = radius_cell.replace(".", draft.decimal)
-        lines += [draft.separator.join(cells) for cells in heads]
-        for j in range(len(written.angle)):
-            cells = _row_of_cells(draft, written, j, unit)
-            if draft.force_place == "column":
-                cells.append(force)
-            if radius_cell:
-                cells.append(radius_cell)
-            lines.append(draft.separator.join(cells))
-        files[f"{name}.csv"] = _text(lines)
-        named.append(replace(written, name=f"{name}.csv"))
+        lines += _rows_of_one_circle(draft, written, unit, force, force_word)
+        files[file] = _text(lines)
+        named.append(replace(written, name=file))
     return files, named
+
+
+def _rows_of_one_circle(
+    draft: _Draft, written: WrittenCircle, unit: str, force: str, force_word: str
+) -> list[str]:
+    """Return header and rows of one circle, with columns of its force and radius if chosen."""
+    heads = _heads(draft, unit)
+    last_cells = []
+    if draft.force_place == "column":
+        place = "brackets" if draft.is_unit_of_force_stated else "nowhere"
+        heads[0].append(_header(force_word, draft.force_unit, place))
+        last_cells.append(force)
+    if draft.radius_column:
+        heads[0].append(draft.radius_column)
+        radius = draft.with_radius(RADIUS_COLUMNS[draft.radius_column])
+        last_cells.append(radius.replace(".", draft.decimal))
+    lines = [draft.separator.join(cells) for cells in heads]
+    for j in range(len(written.angle)):
+        cells = [*_row_of_cells(draft, written, j, unit), *last_cells]
+        lines.append(draft.separator.join(cells))
+    return lines
 
 
 def _long_rows(draft: _Draft, circles: Sequence[WrittenCircle]) -> list[str]:

@@ -39,7 +39,7 @@ def unit_cases() -> dict[str, FieldCase]:
     for number, line in enumerate(lines):
         files = field.texts("Angle [deg];Reading", field.scaled(TENTHS), line, separator=";")
         cases[f"unit_beside_sign_{number}"] = FieldCase(
-            kind, f"a line '{line}'", files, told="unit of the reading: 0.0001 inch"
+            kind, f"a line '{line}'", files, note="unit of the reading: 0.0001 inch"
         )
     cases["unit_beside_sign_unread"] = FieldCase(
         kind,
@@ -61,7 +61,7 @@ def unit_cases() -> dict[str, FieldCase]:
     for number, line in enumerate(lines):
         files = field.texts("Angle,Reading [um]", in_gon_clockwise, line)
         cases[f"unit_beside_sense_{number}"] = FieldCase(
-            kind, f"a line '{line}'", files, told="unit of the angle: gon (line 1"
+            kind, f"a line '{line}'", files, note="unit of the angle: gon (line 1"
         )
     return cases
 
@@ -69,22 +69,22 @@ def unit_cases() -> dict[str, FieldCase]:
 def centre_cases() -> dict[str, FieldCase]:
     """Return centres of circles, alone in a line and beside the radius."""
     not_used = "centre: X 0, Y 0, Z 0 mm (line 1 says"
-    used = "centre: X 300, Y −120, Z 0 mm (line 1 says"
+    taken_over = "centre: X 300, Y −120, Z 0 mm (line 1 says"
     lines = {
         "; centre X300 Y-120 radius 150": not_used,
         "; centre X300 Y-120": not_used,
-        "Kreismittelpunkt: X = 300; Y = -120; Radius: 150 mm": used,
+        "Kreismittelpunkt: X = 300; Y = -120; Radius: 150 mm": taken_over,
         "Centre: 300, -120; radius 150 mm": not_used,
-        "centre X 300 Y -120 mm": used,
+        "centre X 300 Y -120 mm": taken_over,
         "Circle centre (G54): X 300 Y -120": not_used,
     }
     cases = {}
-    for number, (line, told) in enumerate(lines.items()):
+    for number, (line, note) in enumerate(lines.items()):
         cases[f"centre_{number}"] = FieldCase(
             "centres of circles",
             f"a line '{line}'",
             field.texts(HEADER, above=line),
-            told=told,
+            note=note,
         )
     return cases
 
@@ -114,9 +114,9 @@ def load_cases() -> dict[str, FieldCase]:
         "300 N, positive = longer bar": "sign of the reading: 1: a longer bar is positive (line 1",
     }
     cases = {}
-    for number, (line, told) in enumerate(lines.items()):
+    for number, (line, note) in enumerate(lines.items()):
         cases[f"force_above_{number}"] = FieldCase(
-            kind, f"a line '{line}'", unnamed(line), told=told, circles=ONE_CIRCLE
+            kind, f"a line '{line}'", unnamed(line), note=note, circles=ONE_CIRCLE
         )
     refused = ("Weight of the table 300 N", "300 N / 600 N")
     for number, line in enumerate(refused):
@@ -194,14 +194,14 @@ def display_cases() -> dict[str, FieldCase]:
         lines = [assigned, *shown(circle, 1.0, command)]
         files[f"run_{circle.force_N:g}.txt"] = "\n".join(lines).encode()
         diary += lines
-    told = "factor: 100 in all columns (line"
+    note = "factor: 100 in all columns (line"
     return {
-        "display_each": FieldCase(kind, "a diary for each matrix", files, told=told),
+        "display_each": FieldCase(kind, "a diary for each matrix", files, note=note),
         "display_diary": FieldCase(
             kind,
             "a diary of three matrices",
             {"diary.txt": "\n".join([*diary, ">> diary off", ""]).encode()},
-            told=told,
+            note=note,
         ),
         "display_in_parts": FieldCase(
             kind,

@@ -40,6 +40,12 @@ def printed(circle: Circle, k: int) -> list[object]:
     return [f"{k + 1:3d}   {angle:>5}    {circle.reading_um[k] / 1e3:10.6f}    {24.1:6.1f}"]
 
 
+def with_number_and_spread(circle: Circle, k: int) -> list[object]:
+    """Return angle, number of the row, reading in mm and a spread."""
+    _, reading_mm = field.scaled(1e3)(circle, k)
+    return [circle.angle_deg[k], k + 1, reading_mm, 0.1]
+
+
 def unit_row_cases() -> dict[str, FieldCase]:
     """Return printouts in which some columns have a unit below their names, and others none."""
     kind = "units below the names of aligned columns"
@@ -67,13 +73,13 @@ def unit_row_cases() -> dict[str, FieldCase]:
         "three units between commas below four names",
         field.texts(
             "deg,mm,um",
-            lambda circle, k: [circle.angle_deg[k], k + 1, *field.scaled(1e3)(circle, k)[1:], 0.1],
+            with_number_and_spread,
             above="Angle,Index,Deviation,Spread",
         ),
         refusal="Write '-' in place of each unit that is missing in line 2",
         mended=field.texts(
             "deg,-,mm,um",
-            lambda circle, k: [circle.angle_deg[k], k + 1, *field.scaled(1e3)(circle, k)[1:], 0.1],
+            with_number_and_spread,
             above="Angle,Index,Deviation,Spread",
         ),
     )
@@ -116,7 +122,7 @@ def statistics_cases() -> dict[str, FieldCase]:
             f"rows {statistics!r}",
             {"all.csv": "\n".join([*lines, ""]).encode()},
             options=("--test-column", "force_N", "--force-column", "force_N"),
-            told="6 rows left out",
+            note="6 rows left out",
         )
     return cases
 
@@ -171,56 +177,69 @@ def test_column_cases() -> dict[str, FieldCase]:
 def index_cases() -> dict[str, FieldCase]:
     """Return tables whose headers have several levels, with the name of the index below them."""
     kind = "headers of several levels"
-    upper = [""]
-    lower = [""]
-    for circle in field.TRUTH:
-        upper += [f"{circle.force_N:g} N", ""]
-        lower += ["dev_um", "travel"]
     circles = tuple(replace(circle, direction="CW") for circle in field.TRUTH)
-
-    def table(merged: bool) -> list[list[object]]:
-        names = [upper[k] or (upper[k - 1] if k and not merged else "") for k in range(len(upper))]
-        rows: list[list[object]] = [names, lower, ["angle_deg", *[""] * 6]]
-        for k, angle in enumerate(field.ANGLES_DEG):
-            row: list[object] = [float(angle)]
-            for circle in field.TRUTH:
-                row += [float(circle.reading_um[k]), "CW"]
-            rows.append(row)
-        return rows
-
-    def fill(book: Workbook) -> None:
-        sheet = book.create_sheet("Sheet1")
-        for row in table(merged=True):
-            sheet.append([cell if cell != "" else None for cell in row])
-
-    lines = [",".join(str(cell) for cell in row) for row in table(merged=False)]
-    tests: list[list[object]] = [["test", "point", "force_N", "angle_deg", "dev_um"]]
-    for number, circle in enumerate(field.TRUTH):
-        for k, angle in enumerate(field.ANGLES_DEG):
-            name = "" if k else f"circle {number}"
-            reading = float(circle.reading_um[k])
-            tests.append([name, k, circle.force_N, float(angle), reading])
-    merged_tests = [",".join(str(cell) for cell in row) for row in tests]
     return {
         "levels_workbook": FieldCase(
             kind,
             "merged loads above readings and directions, the index below",
-            {"frame.xlsx": field.workbook(fill)},
+            {"frame.xlsx": field.workbook(fill_with_levels)},
             circles=circles,
         ),
         "levels_text": FieldCase(
             kind,
             "loads above readings and directions, the index below",
-            {"frame.csv": "\n".join([*lines, ""]).encode()},
+            {"frame.csv": joined_by_commas(table_with_levels(is_merged=False))},
             circles=circles,
         ),
         "names_once": FieldCase(
             kind,
             "the name of each circle in its first row only",
-            {"frame.csv": "\n".join([*merged_tests, ""]).encode()},
-            told="filled downwards",
+            {"frame.csv": joined_by_commas(table_with_names_once())},
+            note="filled downwards",
         ),
     }
+
+
+def table_with_levels(*, is_merged: bool) -> list[list[object]]:
+    """Return loads above readings and directions; merged loads stand in the first of two cells."""
+    loads = [""]
+    names = [""]
+    for circle in field.TRUTH:
+        load = f"{circle.force_N:g} N"
+        loads += [load, "" if is_merged else load]
+        names += ["dev_um", "travel"]
+    index: list[object] = ["angle_deg", *[""] * 6]
+    rows: list[list[object]] = [[*loads], [*names], index]
+    for k, angle in enumerate(field.ANGLES_DEG):
+        row: list[object] = [float(angle)]
+        for circle in field.TRUTH:
+            row += [float(circle.reading_um[k]), "CW"]
+        rows.append(row)
+    return rows
+
+
+def fill_with_levels(book: Workbook) -> None:
+    """Write the table with merged loads into a sheet."""
+    sheet = book.create_sheet("Sheet1")
+    for row in table_with_levels(is_merged=True):
+        sheet.append([None if cell == "" else cell for cell in row])
+
+
+def table_with_names_once() -> list[list[object]]:
+    """Return a row for each reading; the first of each circle names it."""
+    rows: list[list[object]] = [["test", "point", "force_N", "angle_deg", "dev_um"]]
+    for number, circle in enumerate(field.TRUTH):
+        name = f"circle {number}"
+        for k, angle in enumerate(field.ANGLES_DEG):
+            rows.append([name, k, circle.force_N, float(angle), float(circle.reading_um[k])])
+            name = ""
+    return rows
+
+
+def joined_by_commas(rows: Sequence[Sequence[object]]) -> bytes:
+    """Return rows as lines of a text file."""
+    lines = [",".join(map(str, row)) for row in rows]
+    return "\n".join([*lines, ""]).encode()
 
 
 def stored_number_cases() -> dict[str, FieldCase]:
@@ -270,7 +289,7 @@ def page_cases() -> dict[str, FieldCase]:
                 lines.append(f"{angle:8g}    {reading:10.3f}")
             files[f"{circle.force_N:g}N.txt"] = "\n".join([*lines, ""]).encode()
         cases[f"head_of_page_{number}"] = FieldCase(
-            "heads of pages", f"{head!r} on each page", files, told="the table is read whole"
+            "heads of pages", f"{head!r} on each page", files, note="the table is read whole"
         )
     return cases
 
@@ -295,7 +314,7 @@ def half_cases() -> dict[str, FieldCase]:
         "all circles in one file, each in two tables",
         {"all.csv": "\n".join([*lines, ""]).encode()},
         circles=tuple(circles),
-        told="are one test",
+        note="are one test",
     )
     return {"half_tables": case}
 
@@ -316,9 +335,9 @@ def named_number_cases() -> dict[str, FieldCase]:
             for angle, reading in zip(circle.angle_deg, circle.reading_um, strict=True):
                 lines.append(line.format(a=angle, r=f"{reading:.3f}", F=circle.force_N))
             files[f"{circle.force_N:g}N.log"] = "\n".join([*lines, ""]).encode()
-        shown = line.format(a=5.0, r="-1.234", F=100.0)
+        example = line.format(a=5.0, r="-1.234", F=100.0)
         cases[f"named_numbers_{number}"] = FieldCase(
-            "names beside numbers", f"lines such as {shown}", files
+            "names beside numbers", f"lines such as {example}", files
         )
     return cases
 

@@ -102,7 +102,7 @@ def one_angle(k: int) -> list[str]:
 
 def side_by_side_cases() -> dict[str, FieldCase]:
     kind = "tables beside each other"
-    given = ("--forces-N", "100,300,600")
+    forces = ("--forces-N", "100,300,600")
     return {
         "pairs_named": FieldCase(
             kind,
@@ -133,7 +133,7 @@ def side_by_side_cases() -> dict[str, FieldCase]:
             "repeated names, no forces",
             field.wide(";".join(["Angle [deg];Reading [um]"] * 3), pairs),
             refusal="--forces-N",
-            step=given,
+            step=forces,
         ),
         "forces_as_headers": FieldCase(
             kind,
@@ -151,14 +151,14 @@ def side_by_side_cases() -> dict[str, FieldCase]:
             "forces without a unit as headers",
             field.wide("Angle [deg];100;300;600", one_angle),
             refusal="--forces-N",
-            step=("--unit", "um", *given),
+            step=("--unit", "um", *forces),
         ),
         "runs_as_headers": FieldCase(
             kind,
             "headers Run 1, Run 2, Run 3",
             field.wide("Angle [deg];Run 1 [um];Run 2 [um];Run 3 [um]", one_angle),
             refusal="--forces-N",
-            step=given,
+            step=forces,
         ),
         "readings_repeated": FieldCase(
             kind,
@@ -172,21 +172,21 @@ def side_by_side_cases() -> dict[str, FieldCase]:
                 "3",
                 "--reading-column",
                 "4",
-                *given,
+                *forces,
             ),
         ),
     }
 
 
-def with_lines(every: int, lines: list[str], header: str) -> dict[str, bytes]:
+def with_lines(page_rows: int, lines: list[str], header: str) -> dict[str, bytes]:
     """Return files in which lines and the header stand again after some rows."""
     files = {}
     for name, content in field.texts(header).items():
         rows = content.decode().splitlines()
         pages = []
         for k, row in enumerate(rows):
-            if k > 1 and (k - 1) % every == 0:
-                page = str(1 + (k - 1) // every)
+            if k > 1 and (k - 1) % page_rows == 0:
+                page = str(1 + (k - 1) // page_rows)
                 pages += [line.replace("{p}", page) for line in lines]
             pages.append(row)
         files[name] = "\n".join([*pages, ""]).encode()
@@ -220,33 +220,38 @@ def two_ways(lines: dict[str, str], gap: str = "\n") -> dict[str, bytes]:
 def stacked_cases() -> dict[str, FieldCase]:
     kind = "tables below each other"
     header = "Angle [deg],Reading [um]"
-    ways = {"CCW": "Direction: CCW", "CW": "Direction: CW"}
+    english = {"CCW": "Direction: CCW", "CW": "Direction: CW"}
     german = {"CCW": "Richtung: gegen den Uhrzeigersinn", "CW": "Richtung: im Uhrzeigersinn"}
     return {
         "header_every_page": FieldCase(
             kind,
             "the header again on every page",
             with_lines(PAGE_LINES, [header], header),
-            told="repeated headers: 2",
+            note="repeated headers: 2",
         ),
         "header_and_page_number": FieldCase(
             kind,
             "page number and header on every page",
             with_lines(PAGE_LINES, ["", "Page {p} of 3", header], header),
-            told="repeated headers: 2",
+            note="repeated headers: 2",
         ),
         "header_and_german_page": FieldCase(
             kind,
             "Seite and header on every page",
             with_lines(PAGE_LINES, ["Seite {p}", header], header),
-            told="repeated headers: 2",
+            note="repeated headers: 2",
         ),
-        "two_ways": FieldCase(kind, "two tables, CCW and CW", two_ways(ways), circles=both_ways()),
+        "two_ways": FieldCase(
+            kind, "two tables, CCW and CW", two_ways(english), circles=both_ways()
+        ),
         "two_ways_german": FieldCase(
             kind, "two tables, in German", two_ways(german), circles=both_ways()
         ),
         "two_ways_without_gap": FieldCase(
-            kind, "two tables without a line between", two_ways(ways, gap=""), circles=both_ways()
+            kind,
+            "two tables without a line between",
+            two_ways(english, gap=""),
+            circles=both_ways(),
         ),
     }
 
@@ -283,14 +288,18 @@ def r_table(with_quotes: bool, separator: str) -> dict[str, bytes]:
 
 def program_file_cases() -> dict[str, FieldCase]:
     feed = "Give --feed-mm-per-min"
-    given = ("--feed-mm-per-min", "2000")
+    feed_option = ("--feed-mm-per-min", "2000")
     counted = field.texts(",Angle [deg],Reading [um]", lambda circle, k: [str(k), *pair(circle, k)])
     return {
         "labview_times": FieldCase(
-            "LabVIEW", "a column of times", labview(True), refusal=feed, step=given
+            "LabVIEW", "a column of times", labview(True), refusal=feed, step=feed_option
         ),
         "labview_steps": FieldCase(
-            "LabVIEW", "a step of time in the header", labview(False), refusal=feed, step=given
+            "LabVIEW",
+            "a step of time in the header",
+            labview(False),
+            refusal=feed,
+            step=feed_option,
         ),
         "r_quoted": FieldCase("R", "row names in quotes", r_table(True, " ")),
         "r_plain": FieldCase("R", "row names without quotes", r_table(False, " ")),

@@ -38,17 +38,17 @@ def column_cases() -> dict[str, FieldCase]:
     cases = {}
     for column in ("Kommentar", "Remarque", ""):
         header = f"angle [deg];reading [um];{column}"
-        for number, (text, row, told) in enumerate(STATEMENTS):
+        for number, (text, row, note) in enumerate(STATEMENTS):
             files = field.texts(header, with_remark(row, text, 4), separator=";")
             name = f"remark_{column.lower() or 'unnamed'}_{number}"
-            what = f"{text!r} in a column {column!r}"
-            cases[name] = FieldCase(kind, what, files, told=told)
+            description = f"{text!r} in a column {column!r}"
+            cases[name] = FieldCase(kind, description, files, note=note)
     row = with_remark(field.scaled(0.1), "Werte in 0,1 µm", 2)
     cases["remark_unit"] = FieldCase(
         kind,
         "'Werte in 0,1 µm' in a column 'Bemerkung'",
         field.texts("Winkel [°];Abweichung;Bemerkung", row, separator=";"),
-        told="0.1 um",
+        note="0.1 um",
     )
     return cases
 
@@ -67,7 +67,7 @@ def header_cases() -> dict[str, FieldCase]:
             "statements among remarks",
             "'angoli in senso orario; + = bar shorter' in cell E1",
             field.sheets(change=add_statement),
-            told="a longer bar is negative",
+            note="a longer bar is negative",
         )
     }
 
@@ -160,7 +160,7 @@ def ragged_cases() -> dict[str, FieldCase]:
             kind,
             "a remark in one row below the name 'Remark'",
             field.texts("Angle   Deviation   Remark", with_bump, suffix=".txt"),
-            told="small bump here",
+            note="small bump here",
         ),
         "groups_of_r": FieldCase(
             kind,

@@ -47,7 +47,7 @@ def travel_cases() -> dict[str, FieldCase]:
             "directions of travel beside angles",
             f"a line '{line}'",
             field.texts(HEADER, above=line, separator=";"),
-            told="direction: CW",
+            note="direction: CW",
             circles=CLOCKWISE,
         )
     line = "Winkel im Uhrzeigersinn, gefahren im Uhrzeigersinn"
@@ -73,14 +73,14 @@ def zero_cases() -> dict[str, FieldCase]:
             "zero of angles in words",
             f"a line '{line}'",
             field.texts(HEADER, row, above=line, separator=";"),
-            told="angle: from -Y, CW",
+            note="angle: from -Y, CW",
         )
     line = "Angles from +Y with the travel clockwise"
     cases["zero_with_travel"] = FieldCase(
         "zero of angles in words",
         f"a line '{line}'",
         field.texts(HEADER, above=line, separator=";"),
-        told=f"line 1 says '{line}', not understood",
+        note=f"line 1 says '{line}', not understood",
     )
     return cases
 
@@ -104,9 +104,9 @@ def share_cases() -> dict[str, FieldCase]:
     cases = {}
     for number, (line, size) in enumerate(lines.items()):
         files = field.texts(NO_UNIT, field.scaled(size), above=line, separator=";")
-        told = "unit of the reading: "
+        note = "unit of the reading: "
         cases[f"share_in_line_{number}"] = FieldCase(
-            "units that are shares", f"a line '{line}'", files, told=told
+            "units that are shares", f"a line '{line}'", files, note=note
         )
     for number, (header, size) in enumerate(headers.items()):
         files = field.texts(header, field.scaled(size), separator=";")
@@ -161,7 +161,7 @@ def unit_cases() -> dict[str, FieldCase]:
             separator=";",
         ),
         options=("--angle-column", "counts"),
-        told="unit of the angle: 0.01 deg (line 1",
+        note="unit of the angle: 0.01 deg (line 1",
     )
     header = "force.pound.force;angle.gradians;reading.um"
     cases["dots_of_r"] = FieldCase(
@@ -204,12 +204,12 @@ def log_cases() -> dict[str, FieldCase]:
         ),
     }
     cases = {}
-    for number, (what, (first, above)) in enumerate(heads.items()):
+    for number, (description, (first, above)) in enumerate(heads.items()):
         cases[f"head_of_log_{number}"] = FieldCase(
             "several tables in one file",
-            what,
+            description,
             log_of_tables(first, above),
-            told="at 14 min",
+            note="at 14 min",
         )
     return cases
 
@@ -237,7 +237,7 @@ def sheet_cases() -> dict[str, FieldCase]:
             kind,
             "a sheet with the row 'Sens de parcours | horaire'",
             files,
-            told="direction: CW (a sheet without a table",
+            note="direction: CW (a sheet without a table",
             circles=CLOCKWISE,
         ),
         "overview_not_named": FieldCase(
@@ -245,7 +245,7 @@ def sheet_cases() -> dict[str, FieldCase]:
             "such a sheet beside the sheets that --sheets names",
             files,
             options=named,
-            told="left out: sheets: 'Info' (other sheets are named",
+            note="left out: sheets: 'Info' (other sheets are named",
         ),
     }
 
@@ -281,7 +281,7 @@ def language_cases() -> dict[str, FieldCase]:
             "angles turned in words",
             f"a line '{line}'",
             field.texts(HEADER, field.turned(0.0, -1), above=line, separator=";"),
-            told="angle: from +X, CW",
+            note="angle: from +X, CW",
         )
     return cases
 

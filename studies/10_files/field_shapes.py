@@ -49,7 +49,7 @@ def missing_cases() -> dict[str, FieldCase]:
             kind,
             f"readings that are missing: {word!r}",
             field.texts(HEADER, with_missing(dict.fromkeys(MISSING_ROWS, word))),
-            told="missing readings: 3 rows left out",
+            note="missing readings: 3 rows left out",
             circles=INCOMPLETE,
         )
 
@@ -63,7 +63,7 @@ def missing_cases() -> dict[str, FieldCase]:
         kind,
         "readings that are missing in a wide table",
         field.wide("Angle [deg];100 N [um];300 N [um];600 N [um]", wide_row),
-        told="missing readings: 3 rows left out",
+        note="missing readings: 3 rows left out",
         circles=INCOMPLETE,
     )
     return cases
@@ -82,7 +82,7 @@ def in_seconds(form: str) -> field.Row:
 
 def sexagesimal_cases() -> dict[str, FieldCase]:
     kind = "angles in degrees, minutes and seconds"
-    told = "unit of the angle: arcsec, degrees and minutes included"
+    note = "unit of the angle: arcsec, degrees and minutes included"
     uneven = tuple(
         replace(circle, angle_deg=circle.angle_deg + np.round(1815.0 / 3600.0, 9))
         for circle in TRUTH
@@ -100,7 +100,7 @@ def sexagesimal_cases() -> dict[str, FieldCase]:
             kind,
             f"angles such as {form.format(d=12, m=30, s=15)} below {header.split(';')[0]!r}",
             field.texts(header, in_seconds(form), separator=";", circles=uneven),
-            told=told,
+            note=note,
             circles=uneven,
         )
     form = "{d}:{m:02d}:{s:02d}"
@@ -163,7 +163,7 @@ def wide_cases() -> dict[str, FieldCase]:
         rows.append(f"{circle.force_N:g};ok;{readings}")
     mended = field.wide(
         "Angle [deg];100 N [um];300 N [um];600 N [um]",
-        lambda k: [f"{5 * k}", *field.readings_of(k)],
+        field.angle_and_readings,
     )
     cases = {}
     for name, header in {"numbers": angles, "names": named_angles}.items():
@@ -186,7 +186,7 @@ def wide_cases() -> dict[str, FieldCase]:
             "transposed tables",
             f"a row for each circle that begins with its load, as in {labels[0]!r}",
             {"all.csv": "\n".join(["单位: μm", *rows, ""]).encode()},
-            told="table on its side: the table is turned: its rows are read as columns (line 2",
+            note="table on its side: the table is turned: its rows are read as columns (line 2",
         )
     cases["vectors_of_matlab"] = FieldCase(
         "programs of MATLAB",
@@ -203,9 +203,7 @@ def wide_cases() -> dict[str, FieldCase]:
         cases[f"lines_above_columns_{number}"] = FieldCase(
             "lines of forces, planes and directions above the columns",
             f"{above.count(chr(10)) + 1} lines above the header",
-            field.wide(
-                "Winkel [°];µm;µm;µm", lambda k: [f"{5 * k}", *field.readings_of(k)], above=above
-            ),
+            field.wide("Winkel [°];µm;µm;µm", field.angle_and_readings, above=above),
             circles=tuple(replace(circle, direction="CCW") for circle in TRUTH),
         )
     return {**cases, **numbered_pair_cases(), **level_cases(), **conversion_cases()}
@@ -227,7 +225,7 @@ def level_cases() -> dict[str, FieldCase]:
         "headers of several levels",
         "rows of forces, names and units above pairs of columns",
         field.wide("Punkt;;;;;;", row, above=f"{header}\n{names}\n{units}"),
-        told="columns not used: Punkt",
+        note="columns not used: Punkt",
     )
     return {"levels_of_pairs": case}
 
@@ -276,6 +274,6 @@ def numbered_pair_cases() -> dict[str, FieldCase]:
             "pairs of columns behind the number of the row",
             f"three pairs of columns, {where}",
             field.wide(header, row, above=above),
-            told="columns not used: No.",
+            note="columns not used: No.",
         )
     return cases

@@ -53,8 +53,8 @@ def list_cases() -> dict[str, FieldCase]:
     cases = {}
     for number, (line, size) in enumerate(sizes.items()):
         files = field.texts("Angle;Reading", field.scaled(size), above=line, separator=";")
-        told = "unit of the reading: "
-        cases[f"unit_list_{number}"] = FieldCase(kind, f"a line '{line}'", files, told=told)
+        note = "unit of the reading: "
+        cases[f"unit_list_{number}"] = FieldCase(kind, f"a line '{line}'", files, note=note)
     cases["unit_list_factor_behind"] = FieldCase(
         kind,
         "a line 'units = °, µm/10'",
@@ -102,9 +102,11 @@ def turn_cases() -> dict[str, FieldCase]:
     }
     cases = {}
     for number, (header, above) in enumerate(headers.items()):
-        what = f"a header '{header}'".replace("\n", " / ") + f" below '{above}'" * bool(above)
+        description = f"a header '{header}'".replace("\n", " / ") + f" below '{above}'" * bool(
+            above
+        )
         files = field.texts(header, in_turns, above=above, separator=";")
-        cases[f"turns_{number}"] = FieldCase(kind, what, files)
+        cases[f"turns_{number}"] = FieldCase(kind, description, files)
     header = "Angle;unit;Reading;unit"
     files = field.texts(header, in_turns_beside_units, separator=";")
     cases["turns_of_column"] = FieldCase(kind, "a column with the unit 'rev'", files)
@@ -164,9 +166,9 @@ def temperature_cases() -> dict[str, FieldCase]:
         )
     for number, name in enumerate(("T [°C]", "T_amb (°C)", "T/°C", "T [K]", "T_C", "Temperatur")):
         files = field.texts(f"t [s];{name};Reading [um]", beside_temperature, separator=";")
-        told = f"columns not used: {name}"
+        note = f"columns not used: {name}"
         cases[f"temperature_{number}"] = FieldCase(
-            kind, f"a column '{name}' beside 't [s]'", files, options=options, told=told
+            kind, f"a column '{name}' beside 't [s]'", files, options=options, note=note
         )
     return cases
 
@@ -191,9 +193,9 @@ def unit_row_cases() -> dict[str, FieldCase]:
     cases = {}
     for number, (units, size) in enumerate(sizes.items()):
         files = field.texts(f"Winkel;Messwert\n{units}", field.scaled(size), separator=";")
-        what = f"a row of units '{units}'"
-        told = "unit of the reading: "
-        cases[f"unit_row_{number}"] = FieldCase(kind, what, files, told=told)
+        description = f"a row of units '{units}'"
+        note = "unit of the reading: "
+        cases[f"unit_row_{number}"] = FieldCase(kind, description, files, note=note)
     for number, units in enumerate(("° 1/1000 mm", "[deg] [1/1000 mm]")):
         files = field.texts(f"Angle Reading\n{units}", separator=" ")
         cases[f"unit_row_blanks_{number}"] = FieldCase(kind, f"a row of units '{units}'", files)
@@ -202,7 +204,7 @@ def unit_row_cases() -> dict[str, FieldCase]:
             "units in cells beside a column of units",
             f"angles as '10.00 °', and '{unit}' in a column of units",
             field.texts("theta;Deviation;", angle_in_cell(unit, size), separator=";"),
-            told="unit of the reading: ",
+            note="unit of the reading: ",
         )
     cases["inch_alone"] = FieldCase(
         "units that are also words",
@@ -233,15 +235,17 @@ def angle_name_cases() -> dict[str, FieldCase]:
     cases = {}
     for number, name in enumerate(names):
         files = field.texts(f"{name};Reading [um]", field.turned(90.0, -1), separator=";")
-        what = f"a header '{name}'"
-        cases[f"angle_name_{number}"] = FieldCase(kind, what, files, told="angle: from +Y, CW")
+        description = f"a header '{name}'"
+        cases[f"angle_name_{number}"] = FieldCase(
+            kind, description, files, note="angle: from +Y, CW"
+        )
     files = field.texts(HEADER, field.turned(90.0, -1), above="angle_from_y_cw", separator=";")
     cases["angle_name_in_line"] = FieldCase(
-        kind, "a line 'angle_from_y_cw'", files, told="angle: from +Y, CW"
+        kind, "a line 'angle_from_y_cw'", files, note="angle: from +Y, CW"
     )
     files = field.texts("angle_from_neg_y_ccw;dR [um]", field.turned(270.0, 1), separator=";")
     cases["angle_name_of_negative_axis"] = FieldCase(
-        kind, "a header 'angle_from_neg_y_ccw'", files, told="angle: from -Y, CCW"
+        kind, "a header 'angle_from_neg_y_ccw'", files, note="angle: from -Y, CCW"
     )
     return cases
 
@@ -264,22 +268,22 @@ def reading_name_cases() -> dict[str, FieldCase]:
         "raccourcissement de la barre",
         "Shortening of the bar",
     )
-    kept = ("measured - nominal", "Ist - Soll", "elongation", "Stabverlängerung")
+    positive_names = ("measured - nominal", "Ist - Soll", "elongation", "Stabverlängerung")
     cases = {}
     for number, name in enumerate(turned):
         files = field.texts(f"Angle [deg];{name} [um]", negated, separator=";")
-        what = f"a header '{name} [um]'"
-        cases[f"reading_name_{number}"] = FieldCase(kind, what, files, told=NEGATED)
+        description = f"a header '{name} [um]'"
+        cases[f"reading_name_{number}"] = FieldCase(kind, description, files, note=NEGATED)
         files = field.texts(HEADER, negated, above=f"Readings: {name}", separator=";")
-        what = f"a line 'Readings: {name}'"
-        cases[f"reading_line_{number}"] = FieldCase(kind, what, files, told=NEGATED)
-    for number, name in enumerate(kept):
+        description = f"a line 'Readings: {name}'"
+        cases[f"reading_line_{number}"] = FieldCase(kind, description, files, note=NEGATED)
+    for number, name in enumerate(positive_names):
         files = field.texts(f"Angle [deg];{name} [um]", separator=";")
-        what = f"a header '{name} [um]'"
-        cases[f"reading_name_kept_{number}"] = FieldCase(kind, what, files, told=KEPT)
+        description = f"a header '{name} [um]'"
+        cases[f"reading_name_kept_{number}"] = FieldCase(kind, description, files, note=KEPT)
     files = field.texts(HEADER, above="Soll-Ist-Vergleich", separator=";")
-    told = "texts not used: 'Soll-Ist-Vergleich'"
-    cases["reading_line_title"] = FieldCase(kind, "a title 'Soll-Ist-Vergleich'", files, told=told)
+    note = "texts not used: 'Soll-Ist-Vergleich'"
+    cases["reading_line_title"] = FieldCase(kind, "a title 'Soll-Ist-Vergleich'", files, note=note)
     return cases
 
 
@@ -303,7 +307,7 @@ def numbered_column_cases() -> dict[str, FieldCase]:
             "a workbook with an overview, and columns that the user states by number",
             {"m.xlsx": field.workbook(fill)},
             options=("--angle-column", "1", "--reading-column", "2"),
-            told="list of tests: the sheet (its rows name tests",
+            note="list of tests: the sheet (its rows name tests",
         )
     }
 
@@ -332,17 +336,17 @@ def segment_cases() -> dict[str, FieldCase]:
     cases = {}
     for number, line in enumerate(signs):
         files = field.texts(HEADER, negated, above=line, separator=";")
-        cases[f"segment_sign_{number}"] = FieldCase(kind, f"a line '{line}'", files, told=NEGATED)
+        cases[f"segment_sign_{number}"] = FieldCase(kind, f"a line '{line}'", files, note=NEGATED)
     for number, line in enumerate(diameters):
         files = field.texts(HEADER, field.doubled, above=line, separator=";")
-        what = f"a line '{line}'"
-        cases[f"segment_diameter_{number}"] = FieldCase(kind, what, files, told=HALVED)
+        description = f"a line '{line}'"
+        cases[f"segment_diameter_{number}"] = FieldCase(kind, description, files, note=HALVED)
     for number, line in enumerate(directions):
         cases[f"segment_direction_{number}"] = FieldCase(
             kind,
             f"a line '{line}'",
             field.texts(HEADER, above=line, separator=";"),
-            told="direction: CCW",
+            note="direction: CCW",
             circles=COUNTER_CLOCKWISE,
         )
     title = "Tabelle 3: Durchmesserabweichung ΔD in µm bei verschiedenen Prüflasten (in daN)"
@@ -357,7 +361,7 @@ def segment_cases() -> dict[str, FieldCase]:
         kind,
         "a line 'Force {F} N; Soll-Ist-Vergleich'",
         field.texts(HEADER, above="Force {F} N; Soll-Ist-Vergleich", separator=";"),
-        told="texts not used: 'Soll-Ist-Vergleich'",
+        note="texts not used: 'Soll-Ist-Vergleich'",
     )
     return cases
 
@@ -370,19 +374,19 @@ def below_cases() -> dict[str, FieldCase]:
             kind,
             "a line 'nominal minus measured'",
             field.texts(HEADER, negated, separator=";", below="nominal minus measured"),
-            told=NEGATED,
+            note=NEGATED,
         ),
         "below_diameter": FieldCase(
             kind,
             "a line 'Readings are of the diameter'",
             field.texts(HEADER, field.doubled, separator=";", below="Readings are of the diameter"),
-            told=HALVED,
+            note=HALVED,
         ),
         "below_direction": FieldCase(
             kind,
             "a line 'Direction: counter-clockwise'",
             field.texts(HEADER, separator=";", below="Direction: counter-clockwise"),
-            told="direction: CCW",
+            note="direction: CCW",
             circles=COUNTER_CLOCKWISE,
         ),
         "below_mount": FieldCase(

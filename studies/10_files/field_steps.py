@@ -50,7 +50,7 @@ def cases_of_tests() -> dict[str, FieldCase]:
         "readings_by_letters": FieldCase(
             kind,
             "columns A, B, C, three forces given",
-            field.wide("Angle [deg];A;B;C", lambda k: [f"{5 * k}", *field.readings_of(k)]),
+            field.wide("Angle [deg];A;B;C", field.angle_and_readings),
             options=FORCES,
             refusal="give --reading-column 'A' --reading-column 'B' --reading-column 'C'",
             step=("--reading-column", "A", "--reading-column", "B", "--reading-column", "C"),
@@ -58,9 +58,7 @@ def cases_of_tests() -> dict[str, FieldCase]:
         "readings_by_other_names": FieldCase(
             kind,
             "columns dev, other, third, three forces given",
-            field.wide(
-                "Angle [deg];dev;other;third", lambda k: [f"{5 * k}", *field.readings_of(k)]
-            ),
+            field.wide("Angle [deg];dev;other;third", field.angle_and_readings),
             options=FORCES,
             refusal="give --reading-column 'dev' --reading-column 'other'",
             step=("--reading-column", "2", "--reading-column", "3", "--reading-column", "4"),
@@ -125,7 +123,7 @@ def json_cases() -> dict[str, FieldCase]:
             kind,
             "tests in JSON, with units beside their numbers",
             json_file({"plane": "XY", "nominal_radius_mm": 150, "tests": tests}),
-            told="lines count the entries of the file",
+            note="lines count the entries of the file",
         ),
         "json_rows": FieldCase(
             kind,
@@ -138,7 +136,8 @@ def json_cases() -> dict[str, FieldCase]:
 def octave_matrix(name: str, rows: Any) -> str:
     lines = [f"# name: {name}", "# type: matrix", f"# rows: {len(rows)}"]
     lines.append(f"# columns: {len(rows[0])}")
-    lines += [" " + " ".join(f"{number:.6f}" for number in row) for row in rows]
+    for row in rows:
+        lines.append(" " + " ".join(f"{number:.6f}" for number in row))
     return "\n".join([*lines, "", "", ""])
 
 
@@ -207,7 +206,7 @@ def header_cases() -> dict[str, FieldCase]:
         cases[f"force_in_header_{name}"] = FieldCase(
             kind,
             f"headers such as {header.split(';')[1]!r}",
-            field.wide(header, lambda k: [f"{5 * k}", *field.readings_of(k)]),
+            field.wide(header, field.angle_and_readings),
         )
     aligned = {
         "loads": ("angle (deg)      100 N     300 N     600 N", TRUTH),
@@ -246,8 +245,11 @@ def shared(k: int) -> list[object]:
 def two_row_cases() -> dict[str, FieldCase]:
     """Return workbooks whose header has two rows of names."""
     runs = ["Lauf 1", "Lauf 2", "Lauf 3"]
-    twice = [run for run in runs for _ in range(2)]
-    merged = [cell for run in runs for cell in (run, None)]
+    twice = []
+    merged: list[str | None] = []
+    for run in runs:
+        twice += [run, run]
+        merged += [run, None]
     loaded = ["Lauf 1 (100 N)", None, "Lauf 2 (300 N)", None, "Lauf 3 (600 N)", None]
     names = ["Winkel [°]", "Abweichung [µm]"] * 3
     shapes = {
@@ -296,13 +298,13 @@ def step_angle_cases() -> dict[str, FieldCase]:
             kind,
             "a column Nr below Startwinkel, Endwinkel, Winkelschritt",
             field.texts("Nr;Abweichung [µm]", counted, above=german, separator=";"),
-            told="angle: from 0° in steps of 5°",
+            note="angle: from 0° in steps of 5°",
         ),
         "points_named_angle": FieldCase(
             kind,
             "a column Angle with 1, 2, 3 below start and step",
             field.texts("Angle,Dev [um]", counted, above="Start angle 0, end angle 360, step 5"),
-            told="angle: from 0° in steps of 5°",
+            note="angle: from 0° in steps of 5°",
         ),
         "points_without_step": FieldCase(
             kind,
@@ -335,7 +337,7 @@ def statistics_cases() -> dict[str, FieldCase]:
             "rows of statistics",
             f"rows {', '.join(words)} below the readings",
             files,
-            told="3 rows left out",
+            note="3 rows left out",
         )
     return cases
 
@@ -354,7 +356,7 @@ def export_cases() -> dict[str, FieldCase]:
             f"rows such as {lines[1]!r}",
             {"all.txt": "\n".join([*lines, ""]).encode()},
             options=("--direction-column", "drehsinn"),
-            told="degrees and minutes included",
+            note="degrees and minutes included",
         )
     return cases
 

@@ -115,13 +115,13 @@ def sense_cases() -> dict[str, FieldCase]:
             kind,
             f"a line '{line}'",
             field.texts(HEADER, field.turned(0.0, -1), above=line),
-            told="angle: from +X, CW",
+            note="angle: from +X, CW",
         )
     cases["sense_unread"] = FieldCase(
         kind,
         "a line 'Angles as on the drawing'",
         field.texts(HEADER, above="Angles as on the drawing"),
-        told="line 1 says 'Angles as on the drawing', not understood",
+        note="line 1 says 'Angles as on the drawing', not understood",
     )
     return cases
 
@@ -149,7 +149,7 @@ def zero_cases() -> dict[str, FieldCase]:
         kind,
         "a line 'Start point: +Y'",
         field.texts(HEADER, above="Start point: +Y"),
-        told="line 1 says 'Start point: +Y', not understood",
+        note="line 1 says 'Start point: +Y', not understood",
     )
     return cases
 
@@ -162,7 +162,7 @@ def short_zero_cases() -> dict[str, FieldCase]:
             "zero of angles in words",
             f"a header '{header}'",
             field.texts(f"{header}|Reading [um]", field.turned(90.0, -1), separator="|"),
-            told="angle: from +Y, CW",
+            note="angle: from +Y, CW",
         )
     lines = (
         "角度の基準,+Y軸から時計回り",
@@ -179,7 +179,7 @@ def short_zero_cases() -> dict[str, FieldCase]:
             "zero of angles in words",
             f"a line '{line}'",
             field.texts(HEADER, field.turned(90.0, -1), above=line),
-            told="angle: from +Y, CW",
+            note="angle: from +Y, CW",
         )
     return cases
 
@@ -202,13 +202,13 @@ def turned_sign_cases() -> dict[str, FieldCase]:
             kind,
             f"a line '{line}'",
             field.texts(HEADER, negated, above=line),
-            told="sign of the reading: −1: a longer bar is negative",
+            note="sign of the reading: −1: a longer bar is negative",
         )
     cases["sign_unread"] = FieldCase(
         kind,
         "a line 'Plus: material'",
         field.texts(HEADER, above="Plus: material"),
-        told="line 1 says 'Plus: material', not understood",
+        note="line 1 says 'Plus: material', not understood",
     )
     return cases
 
@@ -216,7 +216,7 @@ def turned_sign_cases() -> dict[str, FieldCase]:
 def shared_sign_cases() -> dict[str, FieldCase]:
     """Return signs of readings that share a line, or an overview, with other statements."""
     kind = "signs beside other statements"
-    told = "sign of the reading: −1: a longer bar is negative"
+    note = "sign of the reading: −1: a longer bar is negative"
     turned_lines = {
         "Angle zero: +Y; sense: CW; positive: bar shorter": (90.0, -1),
         "Winkel ab +Y im Uhrzeigersinn, positiv = kürzer": (90.0, -1),
@@ -232,12 +232,12 @@ def shared_sign_cases() -> dict[str, FieldCase]:
             kind,
             f"a line '{line}'",
             field.texts(HEADER, turned_and_negated(*convention), above=line),
-            told=told,
+            note=note,
         )
     short_lines = ("+ = in", "neg = out", "+ = toward the centre; - = away", "dR > 0: bar shorter")
     for number, line in enumerate(short_lines):
         cases[f"sign_short_{number}"] = FieldCase(
-            kind, f"a line '{line}'", field.texts(HEADER, negated, above=line), told=told
+            kind, f"a line '{line}'", field.texts(HEADER, negated, above=line), note=note
         )
     cases["sign_closer"] = FieldCase(
         kind,
@@ -245,7 +245,7 @@ def shared_sign_cases() -> dict[str, FieldCase]:
         field.texts(
             HEADER, negated, above="A positive deviation means the balls are closer together"
         ),
-        told=told,
+        note=note,
     )
     asked = (
         "Sign: as on the drawing",
@@ -265,7 +265,7 @@ def shared_sign_cases() -> dict[str, FieldCase]:
             kind,
             f"an overview with a row '{label} | positive reading: bar shorter'",
             signed_workbook(label),
-            told=told,
+            note=note,
         )
     return cases
 
@@ -315,7 +315,7 @@ def open_diameter_cases() -> dict[str, FieldCase]:
         "diameters for radii",
         "a line 'Column 2: diameter deviation'",
         field.texts(HEADER, field.doubled, above="Column 2: diameter deviation"),
-        told="half of each, as it is of the diameter",
+        note="half of each, as it is of the diameter",
     )
     return cases
 
@@ -332,12 +332,12 @@ def programmed_cases() -> dict[str, FieldCase]:
     }
     cases = {}
     for name, (block, direction) in blocks.items():
-        what = block.replace("\n", ", ")
+        description = block.replace("\n", ", ")
         cases[f"program_{name}"] = FieldCase(
             kind,
-            f"a line '{what}'",
+            f"a line '{description}'",
             field.texts(HEADER, above=block),
-            told=f"direction: {direction}",
+            note=f"direction: {direction}",
             circles=of_radius(100.0, direction),
         )
     cases["program_with_ways"] = FieldCase(
@@ -359,13 +359,13 @@ def programmed_cases() -> dict[str, FieldCase]:
         kind,
         f"a line '{block}'",
         field.texts(HEADER, above=block),
-        told=f"line 1 says {block}, not taken",
+        note=f"line 1 says {block}, not taken",
     )
     cases["program_absolute"] = FieldCase(
         kind,
         "a line 'G90.1 G2 X100 Y0 I0 J0'",
         field.texts(HEADER, above="G90.1 G2 X100 Y0 I0 J0"),
-        told="direction: CW",
+        note="direction: CW",
         circles=of_radius(100.0, "CW"),
     )
     return cases
@@ -387,13 +387,13 @@ def extension_cases() -> dict[str, FieldCase]:
             kind,
             f"a line '{line}'",
             field.texts(HEADER, above=line),
-            told="radius_mm: 150 mm (line 1",
+            note="radius_mm: 150 mm (line 1",
         )
     for number, line in enumerate(unclear):
-        what = line.replace("\n", ", ")
+        description = line.replace("\n", ", ")
         cases[f"extension_unclear_{number}"] = FieldCase(
             kind,
-            f"a line '{what}'",
+            f"a line '{description}'",
             field.texts(HEADER, above=line),
             refusal="must be one number, got a bar and an extension in line 1. Give --radius-mm",
             step=("--radius-mm", "150"),
@@ -435,7 +435,7 @@ def written_radius_cases() -> dict[str, FieldCase]:
             kind,
             f"a line '{line}'",
             field.texts(HEADER, above=line),
-            told=f"line 1 says {note}",
+            note=f"line 1 says {note}",
         )
     return cases
 
@@ -462,7 +462,7 @@ def factor_cases() -> dict[str, FieldCase]:
         kind,
         "a line 'Sensitivity: 0.5 um/V' under a header in µm",
         field.texts(HEADER, above="Sensitivity: 0.5 um/V"),
-        told="line 1 says 'Sensitivity: 0.5 um/V', not used",
+        note="line 1 says 'Sensitivity: 0.5 um/V', not used",
     )
     return cases
 
@@ -476,7 +476,7 @@ def unit_of_line_cases() -> dict[str, FieldCase]:
             kind,
             f"a line '{line}'",
             field.texts(NO_UNIT, field.scaled(0.1), above=line),
-            told="unit of the reading: 0.1 um (line 1",
+            note="unit of the reading: 0.1 um (line 1",
         )
     cases["unit_in_brackets_with_in"] = FieldCase(
         kind,
@@ -495,7 +495,7 @@ def unit_of_line_cases() -> dict[str, FieldCase]:
             kind,
             f"a line '{line}'",
             field.texts(NO_UNIT, field.scaled(1e3), above=line),
-            told="unit of the reading: mm (line 1",
+            note="unit of the reading: mm (line 1",
         )
     cases["unit_alone_against_header"] = FieldCase(
         kind,
@@ -522,7 +522,7 @@ def unit_of_line_cases() -> dict[str, FieldCase]:
         kind,
         "a line 'Deviations expressed in mm' above a header in µm",
         field.texts(HEADER, above="Y axis: mm"),
-        told="line 1 says 'Y axis: mm', not used",
+        note="line 1 says 'Y axis: mm', not used",
     )
     return cases
 
@@ -546,16 +546,16 @@ def name_cases() -> dict[str, FieldCase]:
         **fields: object,
     ) -> None:
         files = renamed(field.texts(header, row), pattern)
-        what = f"names as '{pattern.replace('{F}', '100N')}'"
-        cases[f"name_{len(cases)}"] = FieldCase(kind, what, files, **fields)
+        description = f"names as '{pattern.replace('{F}', '100N')}'"
+        cases[f"name_{len(cases)}"] = FieldCase(kind, description, files, **fields)
 
     add("{F}_radius_100mm", circles=of_radius(100.0))
     add("{F}_R100.5", circles=of_radius(100.5))
-    add("{F}_150mm", told="its name says 150mm, not taken")
-    add("{F}_D300", told="its name says D300, not taken")
-    add("{F}_bar150", told="its name says bar150, not taken")
-    add("{F}_angle_cw", field.turned(0.0, -1), told="angle: from +X, CW")
-    add("{F}_fromY_cw", field.turned(90.0, -1), told="angle: from +Y, CW")
+    add("{F}_150mm", note="its name says 150mm, not taken")
+    add("{F}_D300", note="its name says D300, not taken")
+    add("{F}_bar150", note="its name says bar150, not taken")
+    add("{F}_angle_cw", field.turned(0.0, -1), note="angle: from +X, CW")
+    add("{F}_fromY_cw", field.turned(90.0, -1), note="angle: from +Y, CW")
     add(
         "{F}_compass",
         field.turned(90.0, -1),
@@ -568,7 +568,7 @@ def name_cases() -> dict[str, FieldCase]:
         refusal=WHICH_LENGTH,
         step=("--measured", "diameter"),
     )
-    add("{F}_inverted", told="its name says 'inverted', not understood")
+    add("{F}_inverted", note="its name says 'inverted', not understood")
     add("{F}_mm", header=NO_UNIT, refusal="Say which: --unit", step=("--unit", "um"))
     add(
         "{F}_0.1um",
@@ -597,13 +597,13 @@ def converted(circle: Circle, k: int) -> list[str]:
 def position_cases() -> dict[str, FieldCase]:
     kind = "positions"
     mended = field.texts("angle [deg],reading [mm]", converted)
-    cure = "add a column 'angle [deg]', arctan2(Y, X) about the centre of the circle"
+    advice = "add a column 'angle [deg]', arctan2(Y, X) about the centre of the circle"
     return {
         "positions": FieldCase(
             kind,
             "columns X and Y alone",
             field.texts("X [mm],Y [mm]", position),
-            refusal=f"{cure}, and a column 'reading [mm]', √(X² + Y²) less the radius",
+            refusal=f"{advice}, and a column 'reading [mm]', √(X² + Y²) less the radius",
             mended=mended,
         ),
         "positions_without_header": FieldCase(
@@ -620,7 +620,7 @@ def position_cases() -> dict[str, FieldCase]:
                 "X [mm],Y [mm],Reading [um]",
                 lambda c, k: [*position(c, k), f"{c.reading_um[k]:.3f}"],
             ),
-            refusal=f"{cure}. If one column",
+            refusal=f"{advice}. If one column",
             mended=field.texts(
                 "X [mm],Y [mm],Reading [um],Angle [deg]",
                 lambda c, k: [*position(c, k), f"{c.reading_um[k]:.3f}", converted(c, k)[0]],
@@ -637,8 +637,10 @@ def header_cases() -> dict[str, FieldCase]:
         header: str, row: Callable[[Circle, int], Sequence[object]], refusal: str, *step: str
     ) -> None:
         files = field.texts(f"Angle [deg];{header}", row, separator=";")
-        what = f"a header '{header}'"
-        cases[f"header_{len(cases)}"] = FieldCase(kind, what, files, refusal=refusal, step=step)
+        description = f"a header '{header}'"
+        cases[f"header_{len(cases)}"] = FieldCase(
+            kind, description, files, refusal=refusal, step=step
+        )
 
     for header in ("Reading x10 [um]", "10*dR [um]", "Reading (x10) [um]", "dR_x10 [um]"):
         add(header, field.scaled(0.1), "Say which unit the numbers", "--unit", "0.1 um")
@@ -663,7 +665,7 @@ def scaled_and_negated(circle: Circle, k: int) -> list[object]:
 def column_cases() -> dict[str, FieldCase]:
     kind = "the radius in other words"
     read = {"Ballbar": "100 mm", "Radius [cm]": "10"}
-    told = {"Circle [mm]": "Circle 150 mm", "L [mm]": "L 150 mm"}
+    noted = {"Circle [mm]": "Circle 150 mm", "L [mm]": "L 150 mm"}
     cases = {}
     for number, (header, cell) in enumerate(read.items()):
         cases[f"radius_in_column_{number}"] = FieldCase(
@@ -672,12 +674,12 @@ def column_cases() -> dict[str, FieldCase]:
             with_column(header, cell),
             circles=of_radius(100.0),
         )
-    for number, (header, note) in enumerate(told.items()):
+    for number, (header, note) in enumerate(noted.items()):
         cases[f"length_in_column_{number}"] = FieldCase(
             kind,
             f"a column '{header}' of 150",
             with_column(header, "150"),
-            told=f"says {note!r}",
+            note=f"says {note!r}",
         )
     cases["blanks_in_cells"] = FieldCase(
         "separators",
@@ -697,7 +699,7 @@ def column_cases() -> dict[str, FieldCase]:
             "test,Angle [deg],Reading [um]",
             lambda c, k: [f"{c.force_N:g}N", *field.plain(c, k)],
         ),
-        told="force_N: 100 N (the name '100 N'",
+        note="force_N: 100 N (the name '100 N'",
     )
     cases["unread_units_at_the_end"] = FieldCase(
         "units in cells",

@@ -151,10 +151,10 @@ def written() -> dict[str, bytes]:
         # Few nuisances: a comparison has the same tables, and is made in a quarter of the time.
         few_nuisances = ("--preset", "first", "--without", "discrepancy,hysteresis,setup-shift")
         for command, options in (("compare", few_nuisances), ("design", ("--tests", "4"))):
-            done = run_command(
+            ended = run_command(
                 [command, str(place / "campaign"), "--out", str(place / command), *options]
             )
-            assert done.exit_code == 0, done.output
+            assert ended.exit_code == 0, ended.output
         return {
             "campaign": (place / "campaign" / "campaign.toml").read_bytes(),
             "posterior": (place / "posterior.nc").read_bytes(),
@@ -178,30 +178,29 @@ def read_posterior(path: Path) -> object:
     return lb.summarize(posterior)
 
 
-def readers(own: Mapping[str, bytes]) -> dict[str, Reader]:
+def awkward_files(suffix: str, *, ends_so: bool) -> list[bytes]:
+    """Contents of the awkward files whose names end so, or of the others."""
+    contents = []
+    for case in awkward.CASES.values():
+        for file, content in case.files.items():
+            if file.endswith(suffix) == ends_so:
+                contents.append(content)
+    return contents
+
+
+def small_malformed(suffix: str) -> list[bytes]:
+    """Contents of the malformed files whose name ends so, but for the large ones."""
+    contents = []
+    for case in malformed.CASES.values():
+        if case.file.endswith(suffix) and len(case.content) < 20_000:
+            contents.append(case.content)
+    return contents
+
+
+def readers(package_files: Mapping[str, bytes]) -> dict[str, Reader]:
     """All of them, with what `written` wrote; shares add to one."""
-    texts = [
-        content
-        for case in awkward.CASES.values()
-        for file, content in case.files.items()
-        if not file.endswith("xlsx")
-    ]
-    texts += [
-        case.content
-        for case in malformed.CASES.values()
-        if case.file.endswith("csv") and len(case.content) < 20_000
-    ]
-    books = [
-        content
-        for case in awkward.CASES.values()
-        for file, content in case.files.items()
-        if file.endswith("xlsx")
-    ]
-    books += [
-        case.content
-        for case in malformed.CASES.values()
-        if case.file.endswith("xlsx") and len(case.content) < 20_000
-    ]
+    texts = awkward_files("xlsx", ends_so=False) + small_malformed("csv")
+    books = awkward_files("xlsx", ends_so=True) + small_malformed("xlsx")
     tidy = b"test,force_N,angle_deg,reading_um\n" + b"".join(
         b"%d,%d,%d,1.5\n" % (k // 36, 36 + k // 36, 10 * (k % 36)) for k in range(72)
     )
@@ -217,15 +216,17 @@ def readers(own: Mapping[str, bytes]) -> dict[str, Reader]:
         "layout": Reader("layout.toml", [layout], lb.reading.read_layout, 0.10),
         "tidy table": Reader("tidy.csv", [tidy], lb.read_campaign, 0.15),
         "campaign.toml": Reader(
-            "campaign.toml", [own.get("campaign", b"")], read_campaign_toml, 0.08
+            "campaign.toml", [package_files.get("campaign", b"")], read_campaign_toml, 0.08
         ),
         "model": Reader("model.toml", [model], read_model, 0.08),
         "truths": Reader("truths.toml", [truths], read_truths, 0.06),
         "comparison": Reader(
-            "comparison.json", [own.get("comparison", b"")], read_comparison, 0.02
+            "comparison.json", [package_files.get("comparison", b"")], read_comparison, 0.02
         ),
-        "design": Reader("design.json", [own.get("design", b"")], read_design, 0.02),
-        "posterior": Reader("posterior.nc", [own.get("posterior", b"")], read_posterior, 0.01),
+        "design": Reader("design.json", [package_files.get("design", b"")], read_design, 0.02),
+        "posterior": Reader(
+            "posterior.nc", [package_files.get("posterior", b"")], read_posterior, 0.01
+        ),
     }
 
 
@@ -284,9 +285,9 @@ def mutated_workbook(raw: bytes, rng: np.random.Generator) -> bytes:
     return stream.getvalue()
 
 
-def fuzz(name: str, inputs: int, seed: int, own: Mapping[str, bytes]) -> Findings:
+def fuzz(name: str, inputs: int, seed: int, package_files: Mapping[str, bytes]) -> Findings:
     """Mutated files of one reader, one after the other."""
-    reader = readers(own)[name]
+    reader = readers(package_files)[name]
     rng = np.random.default_rng([seed, sum(name.encode())])
     read = refused = 0
     slowest = 0.0
@@ -341,10 +342,11 @@ def keep(name: str, k: int, content: bytes) -> None:
 def _largest_mb() -> float:
     """Of this process since it began; what getrusage says holds the process it was started from."""
     status = Path("/proc/self/status")
-    said = re.search(r"VmHWM:\s+(\d+) kB", status.read_text()) if status.is_file() else None
-    return (
-        float(said[1]) if said else float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
-    ) / 1024.0
+    if status.is_file():
+        peak = re.search(r"VmHWM:\s+(\d+) kB", status.read_text())
+        if peak is not None:
+            return float(peak[1]) / 1024.0
+    return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / 1024.0
 
 
 def _too_long(*_: object) -> None:
@@ -353,15 +355,15 @@ def _too_long(*_: object) -> None:
 
 def fuzz_all(inputs: int, seed: int, names: Sequence[str], workers: int = 2) -> Iterator[Findings]:
     """Each reader in a process of its own, so that memory is its own."""
-    own = written()
-    known = readers(own)
+    package_files = written()
+    by_name = readers(package_files)
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, mp_context=context, max_tasks_per_child=1) as pool:
-        total = sum(known[name].share for name in names)
-        jobs = [
-            pool.submit(fuzz, name, round(inputs * known[name].share / total), seed, own)
-            for name in names
-        ]
+        total = sum(by_name[name].share for name in names)
+        jobs = []
+        for name in names:
+            inputs_of_reader = round(inputs * by_name[name].share / total)
+            jobs.append(pool.submit(fuzz, name, inputs_of_reader, seed, package_files))
         for job in jobs:
             yield job.result()
 
@@ -378,17 +380,17 @@ def main() -> None:
     options = parser.parse_args()
     wrong = 0
     rows = []
-    for found in fuzz_all(options.inputs, options.seed, options.reader or list(readers({}))):
+    for findings in fuzz_all(options.inputs, options.seed, options.reader or list(readers({}))):
         print(
-            f"{found.reader}: {found.inputs} inputs, {found.read} read, {found.refused} refused, "
-            f"slowest {found.slowest_s:.2f} s, ",
-            end="",
+            f"{findings.reader}: {findings.inputs} inputs, {findings.read} read,"
+            f" {findings.refused} refused, slowest {findings.slowest_s:.2f} s,"
+            f" {findings.largest_mb:.0f} MB, {len(findings.wrong)} wrong",
+            flush=True,
         )
-        print(f"{found.largest_mb:.0f} MB, {len(found.wrong)} wrong", flush=True)
-        for line in found.wrong[:20]:
+        for line in findings.wrong[:20]:
             print(f"  {line}")
-        wrong += len(found.wrong)
-        rows.append({**asdict(found), "wrong": len(found.wrong)})
+        wrong += len(findings.wrong)
+        rows.append({**asdict(findings), "wrong": len(findings.wrong)})
     if options.write:
         record = {"inputs": options.inputs, "seed": options.seed, "readers": rows}
         (HERE / "fuzz.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")

@@ -96,7 +96,7 @@ def lb_campaign_toml() -> bytes:
 def hunted(name: str, seconds: int) -> dict[str, Any]:
     """What libFuzzer found: inputs run, lines' edges first and last, what was wrong."""
     with tempfile.TemporaryDirectory() as corpus:
-        done = subprocess.run(
+        ended = subprocess.run(
             [
                 sys.executable,
                 __file__,
@@ -112,18 +112,27 @@ def hunted(name: str, seconds: int) -> dict[str, Any]:
             errors="replace",
             check=False,
         )
-        covered = [int(value) for value in re.findall(r"cov: (\d+)", done.stderr)]
-        numbers = {
-            key: int(match[1]) if (match := re.search(sign, done.stderr)) else 0
-            for key, sign in _SAID.items()
-        }
+        covered = [int(value) for value in re.findall(r"cov: (\d+)", ended.stderr)]
+        numbers = {}
+        for key, sign in _SAID.items():
+            match = re.search(sign, ended.stderr)
+            numbers[key] = int(match[1]) if match else 0
         wrong = sorted(path.name for path in Path(corpus).glob("found-*"))
-        said = [] if done.returncode == 0 else done.stderr.strip().splitlines()[-25:]
+        last_lines = []
+        if ended.returncode:
+            last_lines = ended.stderr.strip().splitlines()[-25:]
     edges = {
         "edges_at_first": covered[0] if covered else 0,
         "edges_at_last": covered[-1] if covered else 0,
     }
-    return {"reader": name, "seconds": seconds, **numbers, **edges, "wrong": wrong, "said": said}
+    return {
+        "reader": name,
+        "seconds": seconds,
+        **numbers,
+        **edges,
+        "wrong": wrong,
+        "said": last_lines,
+    }
 
 
 def main() -> None:
@@ -139,13 +148,13 @@ def main() -> None:
     if options.corpus:
         hunt(options.reader, options.corpus, options.seconds)
         return
-    found = []
+    hunts = []
     for name in READERS:
-        found.append(hunted(name, options.seconds))
-        print(json.dumps(found[-1], indent=1), flush=True)
+        hunts.append(hunted(name, options.seconds))
+        print(json.dumps(hunts[-1], indent=1), flush=True)
     if options.write:
-        (HERE / "guided.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    sys.exit(1 if any(own["wrong"] for own in found) else 0)
+        (HERE / "guided.json").write_text(json.dumps(hunts, indent=1) + "\n", encoding="utf-8")
+    sys.exit(1 if any(hunt["wrong"] for hunt in hunts) else 0)
 
 
 if __name__ == "__main__":

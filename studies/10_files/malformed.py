@@ -38,7 +38,7 @@ class Malformed:
         Of ``ldbb-bayes import``.
     """
 
-    what: str
+    description: str
     content: bytes
     names: Sequence[str]
     file: str = NAME
@@ -64,11 +64,11 @@ def sheet(change: Callable[[Workbook], None]) -> bytes:
     """A workbook of the plain table, changed."""
 
     def fill(book: Workbook) -> None:
-        own = book.active
-        own.title = "36 N"
-        own.append(["angle_deg", "reading_um"])
-        for a, r in zip(TEST.angle_deg, TEST.reading_um, strict=True):
-            own.append([float(a), float(r)])
+        table = book.active
+        table.title = "36 N"
+        table.append(["angle_deg", "reading_um"])
+        for angle, reading in zip(TEST.angle_deg, TEST.reading_um, strict=True):
+            table.append([float(angle), float(reading)])
         change(book)
 
     return workbook(fill)
@@ -97,21 +97,42 @@ def repacked(
         zipfile.ZipFile(io.BytesIO(raw)) as old,
         zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as new,
     ):
-        for part in old.infolist():
-            content = change(part.filename, old.read(part))
+        for entry in old.infolist():
+            content = change(entry.filename, old.read(entry))
             if content is not None:
-                new.writestr(part.filename, content)
+                new.writestr(entry.filename, content)
         for name, content in (extra or {}).items():
             new.writestr(name, content)
     return stream.getvalue()
 
 
+def unchanged(name: str, content: bytes) -> bytes:
+    """A part as it is."""
+    return content
+
+
+def left_out(name: str, content: bytes) -> None:
+    """No part."""
+
+
+def half_of_sheet(name: str, content: bytes) -> bytes:
+    """The first half of the first sheet; other parts as they are."""
+    if "sheet1" in name:
+        return content[: len(content) // 2]
+    return content
+
+
+def with_far_cell(name: str, content: bytes) -> bytes:
+    """One cell of the first sheet moved to its last corner; other parts as they are."""
+    if name.endswith("sheet1.xml"):
+        return content.replace(b'r="A40"', b'r="XFD1048576"', 1)
+    return content
+
+
 def bomb(raw: bytes) -> bytes:
     """A last part of a quarter of a megabyte, a thousand times as much unpacked by its entry in the
     list of parts."""
-    content = bytearray(
-        repacked(raw, lambda name, own: own, {"xl/big.xml": random.Random(1).randbytes(2**18)})
-    )
+    content = bytearray(repacked(raw, unchanged, {"xl/big.xml": random.Random(1).randbytes(2**18)}))
     struct.pack_into("<I", content, content.rfind(b"PK\x01\x02") + 24, 2**28 + 2**20)
     return bytes(content)
 
@@ -404,13 +425,13 @@ CASES: dict[str, Malformed] = {
     ),
     "54_other_zip": Malformed(
         "a zip of something else",
-        repacked(BOOK, lambda name, own: None, {"letter.txt": b"x"}),
+        repacked(BOOK, left_out, {"letter.txt": b"x"}),
         ("book.xlsx", "damaged"),
         "book.xlsx",
     ),
     "55_broken_xml": Malformed(
         "a sheet that breaks off",
-        repacked(BOOK, lambda name, own: own[: len(own) // 2] if "sheet1" in name else own),
+        repacked(BOOK, half_of_sheet),
         ("book.xlsx", "damaged"),
         "book.xlsx",
     ),
@@ -424,11 +445,7 @@ CASES: dict[str, Malformed] = {
         "a cell in the last corner of a sheet",
         repacked(
             BOOK,
-            lambda name, own: (
-                own.replace(b'r="A40"', b'r="XFD1048576"', 1)
-                if name.endswith("sheet1.xml")
-                else own
-            ),
+            with_far_cell,
         ),
         ("book.xlsx", "cell XFD1048576"),
         "book.xlsx",

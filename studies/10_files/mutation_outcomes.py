@@ -55,6 +55,9 @@ SIZES = {
 # Reasons of notes on quantities that nothing in a file states.
 _NOTHING_STATES = re.compile("says otherwise|fit this unit|no unit in the header|spans")
 AXES_DEG = {"+X": 0.0, "+Y": 90.0, "-X": 180.0, "-Y": 270.0}
+SENSES = {"CW": -1, "CCW": 1}
+# Fields of a meaning that the unit of a quantity changes.
+FIELD_OF_UNIT = {"reading": "um_per_reading", "angle": "deg_per_angle", "force": "N_per_force"}
 
 
 def outcome(folder: Path, mutated: Mutation) -> str:
@@ -128,13 +131,10 @@ def _assumed(assumption: Assumption, meaning: Meaning) -> dict[str, Any]:
     subject = assumption.what
     size = _size_of(value)
     if subject.startswith("unit of the ") and size is not None:
-        if subject.endswith("reading"):
-            return {"um_per_reading": size}
-        if subject.endswith("angle"):
-            return {"deg_per_angle": size}
-        if subject.endswith("force"):
-            return {"N_per_force": size}
-        return {}
+        quantity = subject.rpartition(" ")[2]
+        if quantity not in FIELD_OF_UNIT:
+            return {}
+        return {FIELD_OF_UNIT[quantity]: size}
     if subject == "reading" and value.startswith("half"):
         return {"is_diameter": True}
     if subject == "reading" and value.startswith("distance"):
@@ -143,13 +143,15 @@ def _assumed(assumption: Assumption, meaning: Meaning) -> dict[str, Any]:
     if subject == "radius_mm" and number is not None:
         return {subject: float(number[0])}
     if meaning.feed_mm_per_min:
-        return _assumed_of_log(subject, value, meaning)
+        return _assumed_of_log(subject, value)
+    return _assumed_of_angles(subject, value)
+
+
+def _assumed_of_angles(subject: str, value: str) -> dict[str, Any]:
+    """Return the fields of the meaning of a table of angles that one note states."""
     convention = re.fullmatch(r"from ([+-][XY]), (CW|CCW)", value)
     if subject == "angle" and convention is not None:
-        return {
-            "zero_deg": AXES_DEG[convention[1]],
-            "sense": -1 if convention[2] == "CW" else 1,
-        }
+        return {"zero_deg": AXES_DEG[convention[1]], "sense": SENSES[convention[2]]}
     if subject == "direction":
         stated = re.match("CC?W", value)
         return {"direction": stated[0] if stated else None}
@@ -158,7 +160,7 @@ def _assumed(assumption: Assumption, meaning: Meaning) -> dict[str, Any]:
     return {}
 
 
-def _assumed_of_log(subject: str, value: str, meaning: Meaning) -> dict[str, Any]:
+def _assumed_of_log(subject: str, value: str) -> dict[str, Any]:
     """Return the fields of the meaning of a log over time that one note states."""
     number = re.match(r"-?[\d.]+", value)
     if subject == "feed_mm_per_min" and number is not None:
@@ -167,9 +169,9 @@ def _assumed_of_log(subject: str, value: str, meaning: Meaning) -> dict[str, Any
         return {"zero_deg": float(number[0])}
     if subject == "unit of the time":
         return {"s_per_time": TIME_UNITS[value]}
-    if subject == "direction" and value.startswith(("CW", "CCW")):
-        direction = value[:3].rstrip(",")
-        return {"direction": direction, "sense": -1 if direction == "CW" else 1}
+    direction = re.match("CC?W", value)
+    if subject == "direction" and direction is not None:
+        return {"direction": direction[0], "sense": SENSES[direction[0]]}
     if subject == "sign of the reading":
         return {"sign": int(value.partition(":")[0])}
     return {}
@@ -190,7 +192,7 @@ def main() -> None:
     """Try as many mutations as asked for and print what became of them."""
     random = np.random.default_rng(int(sys.argv[1]))
     counts: Counter[str] = Counter()
-    shown: dict[str, list[str]] = {}
+    examples_by_outcome: dict[str, list[str]] = {}
     start = time.process_time()
     with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
         for _ in range(int(sys.argv[2])):
@@ -198,7 +200,7 @@ def main() -> None:
             became = outcome(Path(folder), mutated)
             counts[became] += 1
             if became.startswith(("silent", "told")):
-                shown.setdefault(became, []).append(mutated.what)
+                examples_by_outcome.setdefault(became, []).append(mutated.description)
     kinds: Counter[str] = Counter()
     for became, number in counts.items():
         kinds[re.split("[:,]", became)[0]] += number
@@ -207,7 +209,7 @@ def main() -> None:
     print(json.dumps(stated, indent=1), round(time.process_time() - start), "s of CPU")
     if "--write" in sys.argv:
         (HERE / "mutations.json").write_text(json.dumps(stated, indent=1) + "\n", encoding="utf-8")
-    for became, examples in sorted(shown.items()):
+    for became, examples in sorted(examples_by_outcome.items()):
         print(f"{len(examples)} {became}")
         for example in examples[:12]:
             print("   ", example)

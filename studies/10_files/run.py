@@ -15,6 +15,7 @@ import shutil
 import sys
 import tempfile
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,9 @@ import field_programs
 import field_words
 import malformed
 from command_line import Ended, run_command
-from study import Study, run
+from study import Effort, Study, run
+
+UNITS = ("angle_deg", "reading_um", "force_N")
 
 
 def imported(folder: Path, case: awkward.Case) -> dict[str, Any]:
@@ -38,28 +41,33 @@ def imported(folder: Path, case: awkward.Case) -> dict[str, Any]:
     for name, content in case.files.items():
         (folder / name).write_bytes(content)
     files = [str(folder / name) for name in case.files]
-    done = run_command(["import", *files, "--out", str(folder / "campaign"), *case.options])
-    if done.exit_code:
-        sys.exit(f"10_files: {case.what}: {done.output}")
-    off: dict[str, list[float]] = {"angle_deg": [], "reading_um": [], "force_N": []}
-    for test, own in zip(
-        lb.read_campaign(folder / "campaign").tests, awkward.campaign().tests, strict=True
-    ):
-        order = np.argsort(np.mod(np.round(test.angle_deg, 3), 360.0))
-        angle = (
-            np.mod(np.asarray(test.angle_deg)[order] - np.asarray(own.angle_deg) + 180.0, 360.0)
-            - 180.0
-        )
-        off["angle_deg"].append(float(np.abs(angle).max()))
-        off["reading_um"].append(
-            float(np.abs(np.asarray(test.reading_um)[order] - np.asarray(own.reading_um)).max())
-        )
-        off["force_N"].append(abs(float(test.force_N or 0.0) - float(own.force_N or 0.0)))
+    ended = run_command(["import", *files, "--out", str(folder / "campaign"), *case.options])
+    if ended.exit_code:
+        sys.exit(f"10_files: {case.description}: {ended.output}")
+    largest = dict.fromkeys(UNITS, 0.0)
+    tests = lb.read_campaign(folder / "campaign").tests
+    for test, expected in zip(tests, awkward.campaign().tests, strict=True):
+        difference = largest_differences(test, expected)
+        largest = {unit: max(largest[unit], difference[unit]) for unit in UNITS}
     return {
-        "what": case.what,
+        "what": case.description,
         "files": len(case.files),
         "options": " ".join(case.options),
-        **{name: round(max(found), 9) for name, found in off.items()},
+        **{unit: round(value, 9) for unit, value in largest.items()},
+    }
+
+
+def largest_differences(test: lb.CircularTest, expected: lb.CircularTest) -> dict[str, float]:
+    """Of the angles (the shorter way round), readings and force of two tests."""
+    order = np.argsort(np.mod(np.round(test.angle_deg, 3), 360.0))
+    angle_deg = np.asarray(test.angle_deg)[order] - np.asarray(expected.angle_deg)
+    angle_deg = np.mod(angle_deg + 180.0, 360.0) - 180.0
+    reading_um = np.asarray(test.reading_um)[order] - np.asarray(expected.reading_um)
+    force_N = float(test.force_N or 0.0) - float(expected.force_N or 0.0)
+    return {
+        "angle_deg": float(np.abs(angle_deg).max()),
+        "reading_um": float(np.abs(reading_um).max()),
+        "force_N": abs(force_N),
     }
 
 
@@ -68,50 +76,55 @@ def refused(folder: Path, case: malformed.Malformed) -> dict[str, Any]:
     written."""
     (folder / case.file).write_bytes(case.content)
     start = time.perf_counter()
-    done = run_command(
+    ended = run_command(
         ["import", str(folder / case.file), "--out", str(folder / "campaign"), *case.options]
     )
-    said = " ".join(done.output.split()).replace(f"{folder}/", "").removeprefix("ldbb-bayes: ")
+    seconds = time.perf_counter() - start
+    message = " ".join(ended.output.split())
+    message = message.replace(f"{folder}/", "").removeprefix("ldbb-bayes: ")
     return {
-        "what": case.what,
-        "message": said,
-        "names_the_place": all(word in said for word in case.names),
-        "code": done.exit_code,
+        "what": case.description,
+        "message": message,
+        "names_the_place": all(word in message for word in case.names),
+        "code": ended.exit_code,
         "written": sorted(path.name for path in folder.iterdir() if path.name != case.file),
-        "in_two_seconds": time.perf_counter() - start < 2.0,
+        "in_two_seconds": seconds < 2.0,
     }
 
 
 def from_the_field(folder: Path, case: field_files.FieldCase) -> dict[str, Any]:
     """Return whether files from the field are refused, and whether they read as the truth after the
     step that the refusal names."""
-    (folder / "files").mkdir()
-    for name, content in case.files.items():
-        (folder / "files" / name).write_bytes(content)
+    write_files(folder, case.files)
     options = list(case.options)
     is_refused = False
     if case.refusal:
-        done = import_files(folder, options)
-        said = " ".join(done.output.split())
-        is_refused = done.exit_code == 2 and case.refusal in said
+        ended = import_files(folder, options)
+        message = " ".join(ended.output.split())
+        is_refused = ended.exit_code == 2 and case.refusal in message
         options += case.step
         if case.mended is not None:
             shutil.rmtree(folder / "files")
-            (folder / "files").mkdir()
-            for name, content in case.mended.items():
-                (folder / "files" / name).write_bytes(content)
-    done = import_files(folder, options)
+            write_files(folder, case.mended)
+    ended = import_files(folder, options)
     reads_true = False
-    if done.exit_code == 0:
+    if ended.exit_code == 0:
         campaign = lb.read_campaign(folder / "campaign")
         reads_true = field_files.agrees(field_files.differences(campaign, case.circles))
     return {
         "kind": case.kind,
-        "what": case.what,
+        "what": case.description,
         "refused_first": is_refused,
         "step": " ".join(case.step) or ("the file mended" if case.mended else ""),
         "reads_true": reads_true,
     }
+
+
+def write_files(folder: Path, contents: Mapping[str, bytes]) -> None:
+    """Write files into the folder that is imported."""
+    (folder / "files").mkdir()
+    for name, content in contents.items():
+        (folder / "files" / name).write_bytes(content)
 
 
 def import_files(folder: Path, options: list[str]) -> Ended:
@@ -120,42 +133,44 @@ def import_files(folder: Path, options: list[str]) -> Ended:
     return run_command(["import", *files, "--out", str(folder / "campaign"), *options])
 
 
-def measure() -> dict[str, Any]:
+def measure(effort: Effort) -> dict[str, Any]:
     """Every case; what was found by hand is read."""
     good = {}
-    bad = {}
     for name, case in awkward.CASES.items():
         with tempfile.TemporaryDirectory() as folder:
             good[name] = imported(Path(folder), case)
-    for name, wrong in malformed.CASES.items():
+    bad = {}
+    for name, malformed_case in malformed.CASES.items():
         with tempfile.TemporaryDirectory() as folder:
-            bad[name] = refused(Path(folder), wrong)
+            bad[name] = refused(Path(folder), malformed_case)
     field = {}
-    cases_of_field = field_files.CASES | field_programs.program_cases() | field_words.word_cases()
-    for name, case_of_field in cases_of_field.items():
+    field_cases = field_files.CASES | field_programs.program_cases() | field_words.word_cases()
+    for name, field_case in field_cases.items():
         with tempfile.TemporaryDirectory() as folder:
-            field[name] = from_the_field(Path(folder), case_of_field)
+            field[name] = from_the_field(Path(folder), field_case)
     return {
         "field": field,
-        "mutations": json.loads((HERE / "mutations.json").read_text(encoding="utf-8")),
+        "mutations": by_hand("mutations.json"),
         "awkward": good,
         "malformed": bad,
-        "largest": {
-            unit: max(own[unit] for own in good.values())
-            for unit in ("angle_deg", "reading_um", "force_N")
-        },
+        "largest": {unit: largest_of_all(good, unit) for unit in UNITS},
         "tests": len(awkward.PRESSURES_BAR),
         "readings": awkward.READINGS,
-        "fuzz": json.loads((HERE / "fuzz.json").read_text(encoding="utf-8")),
-        "guided": json.loads((HERE / "guided.json").read_text(encoding="utf-8")),
+        "fuzz": by_hand("fuzz.json"),
+        "guided": by_hand("guided.json"),
     }
 
 
-def main() -> None:
-    """Measure and compare with what is stated; ``--write`` states anew."""
-    small = {f"*/{name}": 1e-6 for name in ("angle_deg", "reading_um", "force_N")}
-    run(Study(HERE, lambda effort: measure(), absolute=small, once=("malformed/*/message",)))
+def largest_of_all(rows: Mapping[str, Mapping[str, Any]], unit: str) -> float:
+    """The largest difference of all awkward files."""
+    return max(row[unit] for row in rows.values())
+
+
+def by_hand(name: str) -> Any:
+    """What was measured by hand and is kept in a file."""
+    return json.loads((HERE / name).read_text(encoding="utf-8"))
 
 
 if __name__ == "__main__":
-    main()
+    differences = {f"*/{unit}": 1e-6 for unit in UNITS}
+    run(Study(HERE, measure, absolute=differences, once=("malformed/*/message",)))

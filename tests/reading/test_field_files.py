@@ -42,7 +42,7 @@ def test_what_stands_in_a_file_is_used(name: str, tmp_path: Path, invoke: Invoke
     code, stdout, stderr = invoke("import", *files, "--out", tmp_path / "c", *case.options)
     assert code == 0, stderr
     assert_true(tmp_path / "c", case)
-    assert case.told in " ".join(stdout.split())
+    assert case.note in " ".join(stdout.split())
 
 
 @pytest.mark.parametrize("name", REFUSED)

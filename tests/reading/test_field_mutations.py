@@ -21,7 +21,7 @@ def test_no_mutation_is_misread_in_silence(seed: int, tmp_path: Path) -> None:
     for _ in range(N_MUTATIONS):
         mutated = field_mutations.mutation(random)
         became = mutation_outcomes.outcome(tmp_path, mutated)
-        assert not became.startswith("silent"), mutated.what
+        assert not became.startswith("silent"), mutated.description
 
 
 @pytest.mark.slow
@@ -30,7 +30,7 @@ def test_no_mutation_among_thousands_is_misread_in_silence(tmp_path: Path) -> No
     for _ in range(3000):
         mutated = field_mutations.mutation(random)
         became = mutation_outcomes.outcome(tmp_path, mutated)
-        assert not became.startswith("silent"), mutated.what
+        assert not became.startswith("silent"), mutated.description
 
 
 def one_file(header: str, meaning: Meaning, stated: frozenset[str] = frozenset()) -> Mutation:
