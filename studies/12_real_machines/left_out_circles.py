@@ -99,11 +99,11 @@ def alarms_by_kind(rows: pd.DataFrame) -> dict[str, dict[str, Any]]:
     """Return by kind the number of campaigns and the share in which each check alarms."""
     alarms = {}
     for kind, of_kind in rows.groupby("kind", sort=False):
-        together = float((of_kind["together"] < ALARM).mean())
+        alarm_rate = float((of_kind["together"] < ALARM).mean())
         alarms[str(kind)] = {
             "campaigns": len(of_kind),
             "one_circle": float((of_kind["one circle"] < FALSE_ALARMS).mean()),
-            "together": together,
-            "together_se": float(np.sqrt(together * (1.0 - together) / len(of_kind))),
+            "together": alarm_rate,
+            "together_se": float(np.sqrt(alarm_rate * (1.0 - alarm_rate) / len(of_kind))),
         }
     return alarms

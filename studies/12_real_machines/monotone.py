@@ -19,9 +19,10 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 import ldbb_bayes as lb
@@ -35,18 +36,20 @@ LAWS = ("degree 1", "degree 2", "monotone")
 COMPARED = ("mild", "contact", "own load")
 DRAWS = 400
 KNOTS_N = (150.0, 300.0, 450.0, 600.0)
-ORDERS = np.array([0, *(n for n in range(1, 13) for _ in range(2))])
-PRIOR = np.array(
-    [1e-4, 1e-5, 1e-4, 1e-7, 1e-7, 1e-9, 2e-4, 1e-6, 1e-6, 2e-4, 5e-5, 0.02, 0.02]
-)  # C and E of MODEL
+HIGHEST_ORDER = 12
+# Order of every column of the basis: 0, 1, 1, 2, 2, …
+ORDERS = np.append(0, np.repeat(np.arange(1, HIGHEST_ORDER + 1), 2))
+# Prior sd of the compliances and of the geometric errors, as the model has them.
+PRIOR = np.array([1e-4, 1e-5, 1e-4, 1e-7, 1e-7, 1e-9, 2e-4, 1e-6, 1e-6, 2e-4, 5e-5, 0.02, 0.02])
 COMPLIANCES = ("C_XXX", "C_XYX", "C_YYY", "C_CXY", "C_CYY", "C_CCY")
 
 
 def basis(angle: Array) -> Array:
     """1, cos θ, sin θ, … sin 12θ, shape (n, 25)."""
-    return np.column_stack(
-        [np.cos(n * angle) if k % 2 or not n else np.sin(n * angle) for k, n in enumerate(ORDERS)]
-    )
+    columns = [np.ones_like(angle)]
+    for order in range(1, HIGHEST_ORDER + 1):
+        columns += [np.cos(order * angle), np.sin(order * angle)]
+    return np.column_stack(columns)
 
 
 def _wrench(angle: Array) -> Array:
@@ -54,52 +57,80 @@ def _wrench(angle: Array) -> Array:
     c = np.cos(angle)
     s = np.sin(angle)
     r = RADIUS_MM
-    return np.array([c * c, c * s, s * s, r * c * c * s, r * c * s * s, (r * c * s) ** 2])
+    x = r * c
+    return np.array([c**2, c * s, s**2, x * c * s, x * s**2, (x * s) ** 2])
+
+
+class Columns(NamedTuple):
+    """Columns of what a law says of C_XXX, C_YYY and their change with force."""
+
+    effect: Array  # on the readings of one circle, (n, k)
+    prior_sd: Array  # (k,)
+    compliance: Array  # on C_XX and C_YY at this force, (2, k)
+
+
+class Column(NamedTuple):
+    """One of them: effect on the deflection of one axis, prior sd and effect on its C_aa."""
+
+    effect: Array
+    prior_sd: float
+    compliance: float
 
 
 def laws_columns(
     law: str, force: float, angle: Array, estimate: dict[str, float], span: float
-) -> tuple[Array, Array, Array]:
-    """Columns (n, k) of C_XXX, C_YYY and what changes with force, their prior sd (k,), and C_XX,
-    C_YY at this force (2, k)."""
-    c = np.cos(angle)
-    s = np.sin(angle)
+) -> Columns:
+    """Columns of C_XXX, C_YYY and what changes with force."""
+    effects = []
+    prior_sd = []
+    compliances = []
+    for axis, name in enumerate(("C_XXX", "C_YYY")):
+        direction = np.abs((np.cos(angle), np.sin(angle))[axis])
+        for column in axis_columns(law, force, direction, abs(estimate[name])):
+            effects.append(column.effect)
+            prior_sd.append(column.prior_sd)
+            compliances.append(column.compliance * np.eye(2)[axis])
     wrench = _wrench(angle)
-    columns = []
-    sd = []
-    along = []
-    for axis, (u, name) in enumerate(((c, "C_XXX"), (s, "C_YYY"))):
-        size = np.abs(u)
-        own = abs(estimate[name])
-        if law == "monotone":
-            own_load = force * size
-            parts = [
-                (own_load, 1e-4, force),
-                (np.cbrt(own_load**2 * MIDDLE_N), own, np.cbrt(force**2 * MIDDLE_N)),
-            ]
-            parts += [
-                (np.maximum(own_load - knot, 0.0), 0.3 * own, max(force - knot, 0.0))
-                for knot in KNOTS_N
-            ]
-            parts = [(size * value, scale, at / force) for value, scale, at in parts]
-        else:
-            slope = force * size**2 * (force * size - MIDDLE_N) / LARGEST_N
-            contact = np.cbrt(force**2 * MIDDLE_N) * size ** (5 / 3) - force * size**2
-            rest = [
-                (slope, 0.2 * own, (force - MIDDLE_N) / LARGEST_N),
-                (contact, 0.2 * own, np.cbrt(MIDDLE_N / force) - 1.0),
-            ]
-            parts = [(force * size**2, 1e-4, 1.0), *rest]
-        for value, scale, at in parts:
-            columns = [*columns, value]
-            sd = [*sd, scale]
-            along = [*along, at * np.eye(2)[axis]]
-    for degree in range(1, 0 if law == "monotone" else int(law[-1]) + 1):
+    degrees = 0 if law == "monotone" else int(law[-1])
+    for degree in range(1, degrees + 1):
+        power = (force - MIDDLE_N) ** degree
         for k, name in enumerate(COMPLIANCES):
-            columns.append(force * (force - MIDDLE_N) ** degree * wrench[k])
-            sd.append(0.3 * max(abs(estimate[name]), PRIOR[k] / 20.0) / span**degree)
-            along.append((force - MIDDLE_N) ** degree * np.array([k == 0, k == 2], dtype=float))
-    return np.column_stack(columns), np.array(sd), np.array(along).T
+            size = max(abs(estimate[name]), PRIOR[k] / 20.0)
+            effects.append(force * power * wrench[k])
+            prior_sd.append(0.3 * size / span**degree)
+            compliances.append(power * np.array([k == 0, k == 2], dtype=float))
+    return Columns(np.column_stack(effects), np.array(prior_sd), np.array(compliances).T)
+
+
+def axis_columns(law: str, force: float, direction: Array, compliance: float) -> list[Column]:
+    """Columns of one axis; ``direction`` is |u_a|, ``compliance`` the size of its C."""
+    if law == "monotone":
+        return monotone_columns(force, direction, compliance)
+    load = force * direction
+    growth = load * direction * (load - MIDDLE_N) / LARGEST_N
+    contact = np.cbrt(force**2 * MIDDLE_N) * direction ** (5 / 3) - load * direction
+    return [
+        Column(load * direction, 1e-4, 1.0),
+        Column(growth, 0.2 * compliance, (force - MIDDLE_N) / LARGEST_N),
+        Column(contact, 0.2 * compliance, np.cbrt(MIDDLE_N / force) - 1.0),
+    ]
+
+
+def monotone_columns(force: float, direction: Array, compliance: float) -> list[Column]:
+    """The deflections g_k of one axis, which only grow with its own load."""
+    load = force * direction
+    columns = [
+        Column(direction * load, 1e-4, 1.0),
+        Column(
+            direction * np.cbrt(load**2 * MIDDLE_N),
+            compliance,
+            np.cbrt(force**2 * MIDDLE_N) / force,
+        ),
+    ]
+    for knot_N in KNOTS_N:
+        effect = direction * np.maximum(load - knot_N, 0.0)
+        columns.append(Column(effect, 0.3 * compliance, max(force - knot_N, 0.0) / force))
+    return columns
 
 
 def other_columns(
@@ -114,38 +145,30 @@ def other_columns(
     their prior sd (k,)."""
     c = np.cos(angle)
     s = np.sin(angle)
-    r = RADIUS_MM
+    x = RADIUS_MM * c
+    y = RADIUS_MM * s
     wrench = _wrench(angle)
     yields = wrench.T @ np.array([estimate[name] for name in COMPLIANCES])
-    columns = [
-        *(force * wrench[[1, 3, 4, 5]]),
-        r * c * c,
-        r * r * c * c * s,
-        r * r * s * s * c,
-        r * s * s,
-        r * c * s,
-        c,
-        s,
-    ]
-    sd = [*PRIOR[[1, 3, 4, 5]], *PRIOR[6:]]
+    columns = list(force * wrench[[1, 3, 4, 5]])
+    sd = list(PRIOR[[1, 3, 4, 5]])
+    columns += [x * c, x * x * s, y * y * c, y * s, x * s, c, s]
+    sd += list(PRIOR[6:])
+    constant = np.ones_like(c)
     bow = 4.0 * force / LARGEST_N * (1.0 - force / LARGEST_N)
-    columns += [
-        np.ones_like(c),
-        pressure * np.ones_like(c),
-        bow * np.ones_like(c),
-        force * yields,
-        LARGEST_N * bow * yields,
-    ]
-    sd += [9.4e-3, 0.233e-3, 0.5e-3, 0.01, 0.01]
-    columns = [*columns, np.gradient(fitted, angle)]
-    sd = [*sd, np.deg2rad(0.1) * np.sqrt(2.0)]
+    columns += [constant, pressure * constant, bow * constant]
+    sd += [9.4e-3, 0.233e-3, 0.5e-3]
+    columns += [force * yields, LARGEST_N * bow * yields]
+    sd += [0.01, 0.01]
+    columns.append(np.gradient(fitted, angle))
+    sd.append(np.deg2rad(0.1) * np.sqrt(2.0))
     for u, name in ((c, "C_XXX"), (s, "C_YYY")):
         columns += [force * u**3, force * (u**4 - u**2 / 2.0)]
         sd += [0.07 * abs(estimate[name]), 0.04 * abs(estimate[name])]
-    for n in range(2, 13):
-        stated = 2.5e-3 * np.sqrt(2.0 / 24.0) if n <= 3 else 0.0
-        columns += [np.cos(n * angle), np.sin(n * angle)]
-        sd += 2 * [float(np.hypot(hyper["tau"] * 1e-3 * (n / 6.0) ** -hyper["decay"], stated))]
+    for order in range(2, HIGHEST_ORDER + 1):
+        graded_mm = 2.5e-3 * np.sqrt(2.0 / 24.0) if order <= 3 else 0.0
+        form_mm = hyper["tau"] * 1e-3 * (order / 6.0) ** -hyper["decay"]
+        columns += [np.cos(order * angle), np.sin(order * angle)]
+        sd += 2 * [float(np.hypot(form_mm, graded_mm))]
     return np.column_stack(columns), np.array(sd)
 
 
@@ -156,36 +179,46 @@ def curves(campaign: lb.Campaign, law: str, hyper: dict[str, float]) -> Array:
     angle = campaign.tests[0].angles_rad()
     precision = 0.0
     shift = 0.0
-    along = []
+    compliances = []
     project = np.linalg.pinv(basis(angle))
-    n = len(angle)
-    tests, names = campaign.tests, [test.name for test in campaign.tests]
-    for k, test in enumerate(tests):
+    for k, test in enumerate(campaign.tests):
         force = campaign.forces_N[k]
         pressure = campaign.pressures_bar[k]
-        reading = test.readings_mm()
-        changing, sd, own = laws_columns(law, force, angle, estimate, span)
-        rest, rest_sd = other_columns(
-            force, pressure, angle, estimate, hyper, basis(angle) @ (project @ reading)
-        )
-        columns = project @ np.column_stack([changing * sd, rest * rest_sd])
-        circle = hyper[f"lambda_{names[k]}"] * 1e-3
-        order = np.maximum(ORDERS, 1)
-        noise = (hyper["sigma"] * 1e-3) ** 2 * np.where(ORDERS, 2.0, 1.0) / n
-        noise = (
-            noise
-            + np.where(ORDERS < 2, hyper["delta"] * circle, hyper["kappa"] * circle / order) ** 2
-        )
-        random = (
-            4.0 * project @ (_wrench(angle).T @ np.array([estimate[name] for name in COMPLIANCES]))
-        )
-        inverse = np.linalg.inv(np.diag(noise) + np.outer(random, random))
+        coefficients = project @ test.readings_mm()
+        fitted = basis(angle) @ coefficients
+        changing = laws_columns(law, force, angle, estimate, span)
+        common, common_sd = other_columns(force, pressure, angle, estimate, hyper, fitted)
+        scaled = np.column_stack([changing.effect * changing.prior_sd, common * common_sd])
+        columns = project @ scaled
+        covariance = noise_covariance(angle, estimate, hyper, test.name, project)
+        inverse = np.linalg.inv(covariance)
         precision = precision + columns.T @ inverse @ columns
-        shift = shift + columns.T @ inverse @ (project @ reading)
-        along.append(own * sd)
+        shift = shift + columns.T @ inverse @ coefficients
+        compliances.append(changing.compliance * changing.prior_sd)
     mean, root = _gaussian(np.eye(len(shift)) + precision, shift)
-    rows = slice(0, along[0].shape[1])
-    return np.einsum("tak,dk->dta", np.array(along), _draws(mean, root, rows, law == "monotone"))
+    first = slice(0, compliances[0].shape[1])
+    draws = _draws(mean, root, first, law == "monotone")
+    return np.einsum("tak,dk->dta", np.array(compliances), draws)
+
+
+def noise_covariance(
+    angle: Array,
+    estimate: dict[str, float],
+    hyper: dict[str, float],
+    test_name: str,
+    project: Array,
+) -> Array:
+    """Covariance of a circle's Fourier coefficients [mm²]: white noise, what differs from circle to
+    circle, and the error of its force, shape (25, 25)."""
+    scatter_mm = hyper[f"lambda_{test_name}"] * 1e-3
+    order = np.maximum(ORDERS, 1)
+    white = (hyper["sigma"] * 1e-3) ** 2 * np.where(ORDERS, 2.0, 1.0) / len(angle)
+    centring_mm = hyper["delta"] * scatter_mm
+    pattern_mm = hyper["kappa"] * scatter_mm / order
+    variance = white + np.where(ORDERS < 2, centring_mm, pattern_mm) ** 2
+    yields = _wrench(angle).T @ np.array([estimate[name] for name in COMPLIANCES])
+    force_error = 4.0 * project @ yields
+    return np.diag(variance) + np.outer(force_error, force_error)
 
 
 def _gaussian(precision: Array, shift: Array) -> tuple[Array, Array]:
@@ -195,77 +228,74 @@ def _gaussian(precision: Array, shift: Array) -> tuple[Array, Array]:
 
 
 def _draws(mean: Array, root: Array, rows: slice, truncated: bool) -> Array:
-    """Draws of the first coefficients, all of them not negative where truncated, shape (draws,
-    k)."""
+    """Draws of the first coefficients, shape (draws, k); all of them not negative where
+    truncated."""
     rng = np.random.default_rng(1)
-    own = mean[rows]
+    centre = mean[rows]
     spread = root[rows]
     if not truncated:
-        return np.asarray(own + rng.standard_normal((DRAWS, spread.shape[1])) @ spread.T)
-    orthant = Orthant(np.tile(own, (DRAWS, 1)), np.tile(spread, (DRAWS, 1, 1)))
+        return np.asarray(centre + rng.standard_normal((DRAWS, spread.shape[1])) @ spread.T)
+    orthant = Orthant(np.tile(centre, (DRAWS, 1)), np.tile(spread, (DRAWS, 1, 1)))
     white, exact = orthant.draw_standard(rng)
     if exact.mean() < 0.9:
         raise lb.InputError(
             f"draws inside w ≥ 0 must be exact, got {exact.mean():.0%} of them. Take fewer knots."
         )
-    return np.asarray(own + white[exact] @ spread.T)
+    return np.asarray(centre + white[exact] @ spread.T)
 
 
 def truth(machine: Machine, force_N: Array) -> Array:
     """C_XX, C_YY over the bar's force along the axis, shape (forces, 2)."""
-    found = []
-    for k, name in enumerate(("C_XXX", "C_YYY")):
-        share = machine.contact[k]
-        own = machine.own_load[k]
-        law = (
-            1.0
-            - share
-            + share * np.cbrt(MIDDLE_N / force_N)
-            + own * (force_N - MIDDLE_N) / LARGEST_N
-        )
-        found.append(machine.compliance[name] * law + machine.slope[name] * (force_N - MIDDLE_N))
-    return np.array(found).T
+    columns = []
+    for axis, name in enumerate(("C_XXX", "C_YYY")):
+        share = machine.contact[axis]
+        contact = 1.0 - share + share * np.cbrt(MIDDLE_N / force_N)
+        stiffening = machine.own_load[axis] * (force_N - MIDDLE_N) / LARGEST_N
+        slope = machine.slope[name] * (force_N - MIDDLE_N)
+        columns.append(machine.compliance[name] * (contact + stiffening) + slope)
+    return np.array(columns).T
 
 
-def compared(kind: str, seed: int) -> list[dict[str, float | str]]:
-    """Of each law: rms error of C_aa(F) and of its change from the middle force, over C_aa;
-    coverage, half width."""
+def compare_laws(kind: str, seed: int) -> list[dict[str, float | str]]:
+    """Errors of C_aa(F) and of its change from the middle force, one row for each law."""
     campaign, machine = simulate(FAMILIES[kind], seed)
     hyper = lb.identify(lb.HybridModel.default(1), campaign).hyper_um
-    wanted = truth(machine, campaign.forces_N)
-    rows = []
+    true_curve = truth(machine, campaign.forces_N)
     size = np.array([machine.compliance["C_XXX"], machine.compliance["C_YYY"]])
-    middle = len(wanted) // 2
+    middle = len(true_curve) // 2
+    off_middle = np.arange(len(true_curve)) != middle
+    rows = []
     for law in LAWS:
-        drawn = curves(campaign, law, hyper)
+        draws = curves(campaign, law, hyper)
+        changes = (draws - draws[:, [middle]])[:, off_middle]
+        true_changes = (true_curve - true_curve[middle])[off_middle]
         row: dict[str, float | str] = {"kind": kind, "seed": seed, "law": law}
-        for name, own, true in (
-            ("curve", drawn, wanted),
-            ("change", drawn - drawn[:, [middle]], wanted - wanted[middle]),
-        ):
-            low, high = np.quantile(own, [0.025, 0.975], axis=0)
-            seen = [k for k in range(len(wanted)) if name == "curve" or k != middle]
-            row[f"{name}/error"] = float(
-                np.sqrt(np.mean(((own.mean(axis=0) - true) / size)[seen] ** 2))
-            )
-            row[f"{name}/covered"] = float(((low <= true) & (true <= high))[seen].mean())
-            row[f"{name}/half_width"] = float((0.5 * (high - low) / size)[seen].mean())
+        row |= errors_of("curve", draws / size, true_curve / size)
+        row |= errors_of("change", changes / size, true_changes / size)
         rows.append(row)
     return rows
 
 
-if __name__ == "__main__":
-    import pandas as pd
+def errors_of(name: str, draws: Array, true: Array) -> dict[str, float]:
+    """Rms error, coverage and mean half width of the draws."""
+    low, high = np.quantile(draws, [0.025, 0.975], axis=0)
+    return {
+        f"{name}/error": float(np.sqrt(np.mean((draws.mean(axis=0) - true) ** 2))),
+        f"{name}/covered": float(((low <= true) & (true <= high)).mean()),
+        f"{name}/half_width": float((0.5 * (high - low)).mean()),
+    }
 
+
+def main() -> None:
+    """Print the means over the campaigns of each family, in percent of C_aa."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 3
-    table = pd.DataFrame(
-        [row for kind in COMPARED for seed in range(count) for row in compared(kind, seed)]
-    )
-    print(
-        table.drop(columns="seed")
-        .groupby(["kind", "law"], sort=False)
-        .mean()
-        .mul(100.0)
-        .round(1)
-        .to_string()
-    )
+    rows = []
+    for kind in COMPARED:
+        for seed in range(count):
+            rows += compare_laws(kind, seed)
+    means = pd.DataFrame(rows).drop(columns="seed").groupby(["kind", "law"], sort=False).mean()
+    print(means.mul(100.0).round(1).to_string())
+
+
+if __name__ == "__main__":
+    main()

@@ -63,35 +63,38 @@ def change(kind: str, seed: int) -> dict[str, float]:
     contain the true change; and the share of other parameters that are found to have changed.
     """
     family = FAMILY_OF_KIND[kind]
-    first, before = simulate(family, seed)
-    second, after = simulate(family, seed, plan=first, grown={"C_XXX": GROWTH})
+    first, first_machine = simulate(family, seed)
+    second, second_machine = simulate(family, seed, plan=first, grown={"C_XXX": GROWTH})
     model = lb.HybridModel.default(1)
     posteriors = [
         lb.sample(model, campaign, sampler="independent", seed=seed) for campaign in (first, second)
     ]
+    first_C_XXX = first_machine.secant("C_XXX", MIDDLE_N)
+    second_C_XXX = second_machine.secant("C_XXX", MIDDLE_N)
     row = {}
-    for known, options in KNOWLEDGE.items():
+    for knowledge, options in KNOWLEDGE.items():
         table = lb.analysis.compare_posteriors(*posteriors, **options)
         table = table[~table.index.str.endswith("_1")]
         truth = pd.Series(0.0, index=table.index)
-        truth["C_XXX"] = after.secant("C_XXX", MIDDLE_N) - before.secant("C_XXX", MIDDLE_N)
+        truth["C_XXX"] = second_C_XXX - first_C_XXX
         is_covered = (table["ci_low"] <= truth) & (truth <= table["ci_high"])
-        tail = np.minimum(table["probability_of_increase"], 1.0 - table["probability_of_increase"])
-        row[f"u {known}"] = table.loc["C_XXX", "sd"] / before.secant("C_XXX", MIDDLE_N)
-        row[f"found {known}"] = float(table.loc["C_XXX", "probability_of_increase"] > 0.975)
-        row[f"covered {known}"] = float(is_covered.mean())
-        row[f"false {known}"] = float((tail.drop("C_XXX") < 0.025).mean())
+        increase = table["probability_of_increase"]
+        tail = np.minimum(increase, 1.0 - increase)
+        row[f"u {knowledge}"] = table.loc["C_XXX", "sd"] / first_C_XXX
+        row[f"found {knowledge}"] = float(increase["C_XXX"] > 0.975)
+        row[f"covered {knowledge}"] = float(is_covered.mean())
+        row[f"false {knowledge}"] = float((tail.drop("C_XXX") < 0.025).mean())
     return row
 
 
 def of_kind(rows: pd.DataFrame) -> dict[str, dict[str, float]]:
     """Return the numbers of one kind of machines, by what is known of the two campaigns."""
     numbers = {}
-    for known in KNOWLEDGE:
-        numbers[known] = {
-            "u": float(rows[f"u {known}"].median()),
-            "found": float(rows[f"found {known}"].mean()),
-            "covered": float(rows[f"covered {known}"].mean()),
-            "false": float(rows[f"false {known}"].mean()),
+    for knowledge in KNOWLEDGE:
+        numbers[knowledge] = {
+            "u": float(rows[f"u {knowledge}"].median()),
+            "found": float(rows[f"found {knowledge}"].mean()),
+            "covered": float(rows[f"covered {knowledge}"].mean()),
+            "false": float(rows[f"false {knowledge}"].mean()),
         }
     return numbers

@@ -42,6 +42,7 @@ from machines import (
     PLANS,
     READINGS,
     STATED,
+    Disturbances,
     Machine,
     simulate,
 )
@@ -58,6 +59,11 @@ CAMPAIGNS_OF_PLANS = 60
 CAMPAIGNS_OF_FIRST = 60
 AGAIN: dict[Effort, int] = {"quick": 1, "usual": 3}
 ALL = FAMILIES | NEW | STATED | PLANS
+# Number of campaigns of every kind, and of those that the first edition analysed.
+KINDS = dict.fromkeys([*FAMILIES, *NEW, *STATED], CAMPAIGNS) | dict.fromkeys(
+    PLANS, CAMPAIGNS_OF_PLANS
+)
+KINDS_OF_FIRST = dict.fromkeys([*FAMILIES, *NEW, *STATED], CAMPAIGNS_OF_FIRST)
 # The second edition can no longer be computed: its rows are kept as they were.
 EDITIONS = ("third", "second", "first")
 MODELS = {"third": lb.HybridModel.default(1), "first": lb.HybridModel.first(1)}
@@ -92,9 +98,11 @@ def job(kind: str, seed: int) -> Row:
     """One campaign by the third edition; with certificates, u without them, u foretold and u if no
     compliance were held at zero or above."""
     campaign, machine = simulate(ALL[kind], seed)
-    found = analysed(MODELS["third"], campaign, machine, seed)
-    row = {f"third/{name}": value for name, value in found.items()}
-    certified = certificates_foretold(campaign) if kind in CERTIFIED_KINDS else {}
+    analysis = analysed(MODELS["third"], campaign, machine, seed)
+    row = {f"third/{name}": value for name, value in analysis.items()}
+    certified: Row = {}
+    if kind in CERTIFIED_KINDS:
+        certified = certificates_foretold(campaign)
     for name in NAMES:
         for column in (f"before/{name}", f"foretold/{name}", f"unbounded/{name}"):
             row[column] = certified.get(column, np.nan)
@@ -102,11 +110,13 @@ def job(kind: str, seed: int) -> Row:
 
 
 def job_of_first(kind: str, seed: int) -> Row:
-    """The same campaign by the first edition; verdicts and the change of C(F) are not kept."""
+    """The same campaign by the first edition; verdicts and the change of C(F) are not stated."""
     campaign, machine = simulate(ALL[kind], seed)
-    found = analysed(MODELS["first"], campaign, machine, seed)
-    left_out = ("confounded", "prior-limited", "change/covered")
-    return {f"first/{name}": value for name, value in found.items() if not name.endswith(left_out)}
+    analysis = analysed(MODELS["first"], campaign, machine, seed)
+    omitted = ("confounded", "prior-limited", "change/covered")
+    return {
+        f"first/{name}": value for name, value in analysis.items() if not name.endswith(omitted)
+    }
 
 
 def analysed(model: lb.HybridModel, campaign: lb.Campaign, machine: Machine, seed: int) -> Row:
@@ -149,30 +159,30 @@ def curves_covered(bound: BoundModel, phi: Array, beta: Array, machine: Machine,
     labels = [label.label for label in bound.compliances]
     row: Row = {}
     for name in CURVES:
-        drawn = curves[:, :, labels.index(name)]
-        true = np.array([machine.secant(name, force) for force in ENDS])
+        draws = curves[:, :, labels.index(name)]
+        truth = np.array([machine.secant(name, force) for force in ENDS])
         for k, force in enumerate(ENDS):
-            row[f"{name} at {force:.0f} N/covered"] = covers(drawn[:, k], true[k])
-        row[f"{name} change/covered"] = covers(drawn[:, 1] - drawn[:, 0], true[1] - true[0])
+            row[f"{name} at {force:.0f} N/covered"] = covers(draws[:, k], truth[k])
+        row[f"{name} change/covered"] = covers(draws[:, 1] - draws[:, 0], truth[1] - truth[0])
     return row
 
 
 def covers(draws: Array, truth: float) -> bool:
     """Whether the interval of the draws holds the truth."""
-    least, most = np.quantile(draws, LEVELS)
-    return bool(least <= truth <= most)
+    low, high = np.quantile(draws, LEVELS)
+    return bool(low <= truth <= high)
 
 
 def certificates_foretold(campaign: lb.Campaign) -> Row:
     """u of these readings without the certificates; u that these were to leave, as `identify` works
     it out before they are bought; and u that they leave if compliances may be negative."""
     bound = MODELS["third"].bind(replace(campaign, instrument=lb.Instrument()))
-    before = standard_uncertainties(bound, truncated=True)
+    uncertified = standard_uncertainties(bound, truncated=True)
     expected = uncertainty_with(bound, CERTIFIED, *hyper_parameter_nodes(bound))
     unbounded = standard_uncertainties(MODELS["third"].bind(campaign), truncated=False)
     row: Row = {}
     for j, name in enumerate(NAMES):
-        row[f"before/{name}"] = float(before[j])
+        row[f"before/{name}"] = float(uncertified[j])
         row[f"foretold/{name}"] = float(expected[j])
         row[f"unbounded/{name}"] = float(unbounded[j])
     return row
@@ -185,91 +195,131 @@ def standard_uncertainties(bound: BoundModel, *, truncated: bool) -> Array:
 
 def of_family(rows: pd.DataFrame) -> dict[str, Any]:
     """What is stated of a family by every edition; widths of the third over the others."""
-    found: dict[str, Any] = {}
+    numbers: dict[str, Any] = {}
     for edition in EDITIONS:
-        rows_of_edition = rows[rows[f"{edition}/misfit"].notna()]
-        found[edition] = of_edition(rows_of_edition, edition) if len(rows_of_edition) else None
-    found["wider"] = {}
-    for older in ("second", "first"):
-        ratios = {name: rows[f"third/{name}/u"] / rows[f"{older}/{name}/u"] for name in NAMES}
-        medians = {name: float(ratio.median()) for name, ratio in ratios.items()}
-        found["wider"][older] = None if np.isnan(medians["C_XXX"]) else medians
-    return found
+        analysed_rows = rows[rows[f"{edition}/misfit"].notna()]
+        numbers[edition] = None
+        if len(analysed_rows):
+            numbers[edition] = of_edition(analysed_rows, edition)
+    numbers["wider"] = {older: widening(rows, older) for older in ("second", "first")}
+    return numbers
+
+
+def widening(rows: pd.DataFrame, older: str) -> dict[str, float] | None:
+    """Median ratio of u by the third edition to that by an older one, of every parameter; None
+    where the older edition was not computed."""
+    medians = {}
+    for name in NAMES:
+        ratio = rows[f"third/{name}/u"] / rows[f"{older}/{name}/u"]
+        medians[name] = float(ratio.median())
+    return None if np.isnan(medians["C_XXX"]) else medians
 
 
 def of_edition(rows: pd.DataFrame, edition: str) -> dict[str, Any]:
-    """Coverage by group, by parameter and of C(F); errors beyond 3 u, the share of them of
-    parameters called confounded, and those that were not; verdicts; coverage of the parameters that
-    were not called confounded; alarms."""
-    covered = {name: float(rows[f"{edition}/{name}/covered"].mean()) for name in NAMES}
-    worst = min(covered, key=covered.__getitem__)
-    far = np.array([rows[f"{edition}/{name}/error"].abs() > FAR for name in NAMES])
-    inside = np.array([rows[f"{edition}/{name}/covered"] > 0 for name in NAMES])
-    found = {
+    """Coverage by group, by parameter and of C(F); number of errors beyond 3 u; alarms; and, but
+    for the first edition, verdicts."""
+    coverage = {name: float(rows[f"{edition}/{name}/covered"].mean()) for name in NAMES}
+    worst = min(coverage, key=coverage.__getitem__)
+    curve = {f"{force:.0f}": curve_coverage(rows, edition, f"at {force:.0f} N") for force in ENDS}
+    numbers = {
         "campaigns": len(rows),
-        "coverage": {
-            group: float(np.mean([covered[name] for name in names]))
-            for group, names in GROUPS.items()
-        },
-        "by_parameter": covered,
+        "coverage": coverage_of_groups(coverage),
+        "by_parameter": coverage,
         "worst": worst,
-        "worst_coverage": covered[worst],
-        "far": int(far.sum()),
-        "curve": {
-            f"{force:.0f}": curve_coverage(rows, edition, f"at {force:.0f} N") for force in ENDS
-        },
+        "worst_coverage": coverage[worst],
+        "far": int(is_far(rows, edition).sum()),
+        "curve": curve,
         "change": curve_coverage(rows, edition, "change"),
         "alarms": float(rows[f"{edition}/misfit"].mean()),
         "centre": float(rows[f"{edition}/centre"].mean()),
     }
-    if edition == "first":
-        return found
+    if edition != "first":
+        numbers |= of_verdicts(rows, edition)
+    return numbers
+
+
+def coverage_of_groups(coverage: dict[str, float]) -> dict[str, float]:
+    """Mean coverage of compliances, slopes and geometric errors."""
+    means = {}
+    for group, names in GROUPS.items():
+        means[group] = float(np.mean([coverage[name] for name in names]))
+    return means
+
+
+def is_far(rows: pd.DataFrame, edition: str) -> NDArray[np.bool_]:
+    """Whether an error is beyond 3 u, shape (parameters, campaigns)."""
+    return np.array([rows[f"{edition}/{name}/error"].abs() > FAR for name in NAMES])
+
+
+def of_verdicts(rows: pd.DataFrame, edition: str) -> dict[str, Any]:
+    """Errors beyond 3 u: the share of them of parameters called confounded, and those that were
+    not; verdicts; coverage of the parameters that were not called confounded."""
+    far = is_far(rows, edition)
+    covered = np.array([rows[f"{edition}/{name}/covered"] > 0 for name in NAMES])
     confounded = np.array([rows[f"{edition}/{name}/confounded"] > 0 for name in NAMES])
-    unannounced = (far & ~confounded).sum(axis=1)
-    return found | {
-        "announced": float((far & confounded).sum() / far.sum()) if far.any() else 1.0,
-        "unannounced": {
-            name: int(count) for name, count in zip(NAMES, unannounced, strict=True) if count
-        },
+    announced = 1.0
+    if far.any():
+        announced = float((far & confounded).sum() / far.sum())
+    unannounced = {}
+    for name, count in zip(NAMES, (far & ~confounded).sum(axis=1), strict=True):
+        if count:
+            unannounced[name] = int(count)
+    coverage_of_others = None
+    if not confounded.all():
+        coverage_of_others = float(covered[~confounded].mean())
+    return {
+        "announced": announced,
+        "unannounced": unannounced,
         "confounded": float(confounded.mean()),
         "confounded_by_parameter": {
             name: float(confounded[j].mean()) for j, name in enumerate(NAMES)
         },
         "prior_limited": prior_limited(rows, edition),
-        "rest_coverage": float(inside[~confounded].mean()) if not confounded.all() else None,
+        "rest_coverage": coverage_of_others,
     }
 
 
 def prior_limited(rows: pd.DataFrame, edition: str) -> float | None:
-    """Share of parameters called prior-limited, where that was kept."""
-    columns = [f"{edition}/{name}/prior-limited" for name in NAMES]
-    return float(rows[columns].mean().mean()) if set(columns) <= set(rows.columns) else None
+    """Share of parameters called prior-limited, where the rows have it."""
+    return mean_of_columns(rows, [f"{edition}/{name}/prior-limited" for name in NAMES])
 
 
-def curve_coverage(rows: pd.DataFrame, edition: str, what: str) -> float | None:
-    """Coverage of C(F) of both axes, or of its change, where that was kept."""
-    columns = [f"{edition}/{name} {what}/covered" for name in CURVES]
-    return float(rows[columns].mean().mean()) if set(columns) <= set(rows.columns) else None
+def curve_coverage(rows: pd.DataFrame, edition: str, quantity: str) -> float | None:
+    """Coverage of C(F) of both axes, or of its change, where the rows have it."""
+    return mean_of_columns(rows, [f"{edition}/{name} {quantity}/covered" for name in CURVES])
+
+
+def mean_of_columns(rows: pd.DataFrame, columns: list[str]) -> float | None:
+    """Mean of all the columns; None if one of them is not there."""
+    if not set(columns) <= set(rows.columns):
+        return None
+    return float(rows[columns].mean().mean())
 
 
 def falls_short(rows: pd.DataFrame, families: dict[str, Any]) -> list[dict[str, Any]]:
-    """What of the third edition is below what must hold, family by family; of a parameter, the
-    share of the intervals that miss it which lie above it."""
-    found = []
+    """What of the third edition is below what must hold, family by family."""
+    shortfalls_of_all = []
     for kind, editions in families.items():
         third = editions["third"]
         of_kind = rows[rows["kind"] == kind]
-        for name, coverage in third["by_parameter"].items():
-            if coverage < LEAST_OF_ONE:
-                missed = of_kind[of_kind[f"third/{name}/covered"] == 0.0]
-                above = float((missed[f"third/{name}/error"] > 0.0).mean())
-                found.append({"family": kind, "what": name, "coverage": coverage, "above": above})
+        coverages = dict(third["by_parameter"])
+        limits = dict.fromkeys(coverages, LEAST_OF_ONE)
         pooled = {name: third["coverage"][name] for name in ("compliances", "geometric errors")}
         pooled |= {f"C(F) at {force} N": value for force, value in third["curve"].items()}
-        for name, coverage in pooled.items():
-            if coverage < LEAST_OF_GROUP:
-                found.append({"family": kind, "what": name, "coverage": coverage, "above": None})
-    return found
+        coverages |= pooled
+        limits |= dict.fromkeys(pooled, LEAST_OF_GROUP)
+        for name, coverage in coverages.items():
+            if coverage < limits[name]:
+                above = None if name in pooled else share_above(of_kind, name)
+                shortfall = {"family": kind, "what": name, "coverage": coverage, "above": above}
+                shortfalls_of_all.append(shortfall)
+    return shortfalls_of_all
+
+
+def share_above(rows: pd.DataFrame, name: str) -> float:
+    """Of the intervals that miss a parameter by the third edition, the share that lie above it."""
+    missed = rows[rows[f"third/{name}/covered"] == 0.0]
+    return float((missed[f"third/{name}/error"] > 0.0).mean())
 
 
 def widths(rows: pd.DataFrame) -> dict[str, dict[str, dict[str, float]]]:
@@ -277,86 +327,89 @@ def widths(rows: pd.DataFrame) -> dict[str, dict[str, dict[str, float]]]:
     family."""
     mild = rows[rows["kind"] == "mild"]
     reference = {name: mild[f"second/{name}/u"].median() for name in NAMES}
-    found: dict[str, dict[str, dict[str, float]]] = {}
+    ratios: dict[str, dict[str, dict[str, float]]] = {}
     for kind in ("mild", *PLANS):
         of_kind = rows[rows["kind"] == kind]
-        found[kind] = {}
+        ratios[kind] = {}
         for edition in ("third", "second"):
-            ratio = {
-                name: float(of_kind[f"{edition}/{name}/u"].median() / reference[name])
-                for name in NAMES
-            }
-            found[kind][edition] = ratio
-    return found
+            medians = {name: of_kind[f"{edition}/{name}/u"].median() for name in NAMES}
+            ratios[kind][edition] = {name: float(medians[name] / reference[name]) for name in NAMES}
+    return ratios
 
 
 def worth_of_certificates(rows: pd.DataFrame) -> dict[str, Any]:
     """Median u of every parameter before and after certificates, and over what was foretold."""
-    found: dict[str, Any] = {}
+    worth: dict[str, Any] = {}
     for kind in CERTIFIED_KINDS:
         of_kind = rows[rows["kind"] == kind]
-        found[kind] = {}
+        worth[kind] = {}
         for name in NAMES:
-            after = of_kind[f"third/{name}/u"]
-            found[kind][name] = {
-                "before": float(of_kind[f"before/{name}"].median()),
-                "after": float(after.median()),
-                "foretold": float(of_kind[f"foretold/{name}"].median()),
-                "over_foretold": float((after / of_kind[f"foretold/{name}"]).median()),
-                "unbounded_over_foretold": float(
-                    (of_kind[f"unbounded/{name}"] / of_kind[f"foretold/{name}"]).median()
-                ),
+            certified = of_kind[f"third/{name}/u"]
+            uncertified = of_kind[f"before/{name}"]
+            unbounded = of_kind[f"unbounded/{name}"]
+            foretold = of_kind[f"foretold/{name}"]
+            worth[kind][name] = {
+                "before": float(uncertified.median()),
+                "after": float(certified.median()),
+                "foretold": float(foretold.median()),
+                "over_foretold": float((certified / foretold).median()),
+                "unbounded_over_foretold": float((unbounded / foretold).median()),
             }
-    return found
+    return worth
 
 
 def published_both_ways() -> dict[str, dict[str, float]]:
     """u of geometric errors from the published experiment, simulated as if run both ways with balls
     of grade G10: as it is, as `identify` foretells it with the grade stated, and with it stated."""
+    model = MODELS["third"]
     published = lb.read_campaign(DATA / "recovered_experiment")
+    plan = plan_both_ways(published)
+    truth = lb.fit_least_squares(published).estimate
+    scales_um = scales_of_published(model, plan, published)
+    readings = model.simulate(plan, seed=1, parameters=truth, hyper_um=scales_um).campaign
+    unstated = replace(readings, instrument=published.instrument)
+    foretold = lb.identify(model, unstated).certificates
+    u_stated = standard_uncertainties(model.bind(readings), truncated=True)
+    uncertainties = {}
+    for name in FOLDED:
+        uncertainties[name] = {
+            "before": foretold["none of these"][name],
+            "foretold": foretold[G10][name],
+            "after": float(u_stated[NAMES.index(name)]),
+        }
+    return uncertainties
+
+
+def plan_both_ways(published: lb.Campaign) -> lb.Campaign:
+    """Every published circle in both directions, in an order of chance, balls of grade G10."""
     tests = []
     for test in published.plan().tests:
         for direction in ("CW", "CCW"):
             name = f"{test.name}_{direction}"
             tests.append(replace(test, direction=direction, name=name, time_s=None))
     order = np.random.default_rng(1).permutation(len(tests))
+    shuffled = tuple(tests[k] for k in order)
     stated = lb.Instrument(work=lb.Ball(grade="G10"), tool=lb.Ball(grade="G10"))
-    plan = replace(published.plan(), tests=tuple(tests[k] for k in order), instrument=stated)
-    model = MODELS["third"]
-    truth = lb.fit_least_squares(published).estimate
-    # Scales that the published readings tell are theirs, the others have their prior median.
+    return replace(published.plan(), tests=shuffled, instrument=stated)
+
+
+def scales_of_published(
+    model: lb.HybridModel, plan: lb.Campaign, published: lb.Campaign
+) -> dict[str, float]:
+    """Hyper-parameters of the plan [µm]: those that the published readings tell are theirs, the
+    others have their prior median."""
     scales_um = lb.identify(model, plan).hyper_um
     learnt_um = lb.identify(model, published).hyper_um
     for name in scales_um:
-        scales_um[name] = learnt_um.get(name.rpartition("_C")[0] or name, scales_um[name])
-    simulated = model.simulate(plan, seed=1, parameters=truth, hyper_um=scales_um)
-    readings = simulated.campaign
-    unstated = replace(readings, instrument=published.instrument)
-    foretold = lb.identify(model, unstated).certificates
-    u_stated = standard_uncertainties(model.bind(readings), truncated=True)
-    found = {}
-    for name in FOLDED:
-        found[name] = {
-            "before": foretold["none of these"][name],
-            "foretold": foretold[G10][name],
-            "after": float(u_stated[NAMES.index(name)]),
-        }
-    return found
+        name_published = name.rpartition("_C")[0] or name
+        scales_um[name] = learnt_um.get(name_published, scales_um[name])
+    return scales_um
 
 
 def measure(effort: Effort) -> dict[str, Any]:
     """Everything the page states."""
-    kinds = dict.fromkeys([*FAMILIES, *NEW, *STATED], CAMPAIGNS)
-    kinds |= dict.fromkeys(PLANS, CAMPAIGNS_OF_PLANS)
-    rows = replicated(HERE / "campaigns.csv", job, kinds, effort, again=AGAIN)
-    known_to_first = dict.fromkeys([*FAMILIES, *NEW, *STATED], CAMPAIGNS_OF_FIRST)
-    first = replicated(
-        HERE / "first_edition.csv", job_of_first, known_to_first, effort, again=AGAIN
-    )
-    second = pd.read_csv(HERE / "second_edition.csv")
-    for older in (second, first):
-        rows = rows.merge(older, on=["kind", "seed"], how="outer", validate="one_to_one")
-    families = {kind: of_family(rows[rows["kind"] == kind]) for kind in kinds}
+    rows = rows_of_all_editions(effort)
+    families = {kind: of_family(rows[rows["kind"] == kind]) for kind in KINDS}
     return {
         "campaigns": CAMPAIGNS,
         "campaigns_of_plans": CAMPAIGNS_OF_PLANS,
@@ -366,10 +419,7 @@ def measure(effort: Effort) -> dict[str, Any]:
         "far": FAR,
         "bar_U_um": CERTIFIED.bar_U_um,
         "mount_U_percent": CERTIFIED.mount_U_percent,
-        "sizes": {
-            kind: {name: value for name, value in vars(family).items() if name not in _NOT_SIZES}
-            for kind, family in NEW.items()
-        },
+        "sizes": {kind: sizes_of(family) for kind, family in NEW.items()},
         "travel": list(FAMILIES["travel"].travel),
         "travel_expected": lb.terms.Position().quadratic_sd,
         "seat_expected": lb.terms.JointLoad().relative_sd,
@@ -394,36 +444,54 @@ def measure(effort: Effort) -> dict[str, Any]:
     }
 
 
+def rows_of_all_editions(effort: Effort) -> pd.DataFrame:
+    """One row for each campaign, with the columns of every edition that analysed it."""
+    rows = replicated(HERE / "campaigns.csv", job, KINDS, effort, again=AGAIN)
+    first = replicated(
+        HERE / "first_edition.csv", job_of_first, KINDS_OF_FIRST, effort, again=AGAIN
+    )
+    second = pd.read_csv(HERE / "second_edition.csv")
+    for older in (second, first):
+        rows = rows.merge(older, on=["kind", "seed"], how="outer", validate="one_to_one")
+    return rows
+
+
+def sizes_of(family: Disturbances) -> dict[str, Any]:
+    """Sizes of the effects of a family."""
+    return {name: value for name, value in vars(family).items() if name not in _NOT_SIZES}
+
+
 @lb.figures.styled
 def coverage_figure(families: dict[str, Any]) -> Figure:
     """Coverage of every parameter in every family, the editions side by side."""
     figure = lb.figures.new_figure(12.0, 5.6)
     panels = figure.subplots(1, len(EDITIONS))
-    for k, edition in enumerate(reversed(EDITIONS)):
-        axes = panels[k]
+    parameter_labels = [name.replace("C0YX", "C(0Y)X") for name in NAMES]
+    family_labels = list(families)
+    for axes, edition in zip(panels, reversed(EDITIONS), strict=True):
         values = np.full((len(families), len(NAMES)), np.nan)
         for i, editions in enumerate(families.values()):
             if editions[edition] is not None:
                 values[i] = [editions[edition]["by_parameter"][name] for name in NAMES]
         image = axes.imshow(100.0 * values, vmin=0.0, vmax=100.0, cmap="RdYlBu", aspect="auto")
-        axes.set_xticks(
-            range(len(NAMES)),
-            [name.replace("C0YX", "C(0Y)X") for name in NAMES],
-            rotation=90,
-            fontsize=6,
-        )
-        axes.set_yticks(
-            range(len(families)), list(families) if k == 0 else [""] * len(families), fontsize=7
-        )
+        axes.set_xticks(range(len(NAMES)), parameter_labels, rotation=90, fontsize=6)
+        axes.set_yticks(range(len(families)), family_labels, fontsize=7)
+        # Only the first panel names the families.
+        family_labels = [""] * len(families)
         axes.set_title(f"{edition} edition", fontsize=10)
         axes.grid(visible=False)
     figure.colorbar(image, ax=list(panels), label="95 % intervals that cover (%)")
     return figure
 
 
+def draw(results: dict[str, Any]) -> dict[str, Figure]:
+    """Figures of the page."""
+    return {"coverage": coverage_figure(results["families"])}
+
+
 def main() -> None:
     """Measure and compare with what is stated; ``--write`` states anew."""
-    run(Study(HERE, measure, lambda results: {"coverage": coverage_figure(results["families"])}))
+    run(Study(HERE, measure, draw))
 
 
 if __name__ == "__main__":

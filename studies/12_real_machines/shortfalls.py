@@ -122,11 +122,11 @@ def judged_campaign(
 def judged(name: str, draws: Array, truth: float, estimate: float, sd: float) -> Row:
     """Error in u; the posterior probability below the truth, which says whether the truth is in the
     interval of equal tails or in that from zero; whether it is in the shortest interval."""
-    least, most = shortest_interval(draws)
+    low, high = shortest_interval(draws)
     return {
         f"{name}/error": (estimate - truth) / sd,
         f"{name}/below": float(np.mean(draws < truth)),
-        f"{name}/shortest": bool(least <= truth <= most),
+        f"{name}/shortest": bool(low <= truth <= high),
     }
 
 
