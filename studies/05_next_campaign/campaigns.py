@@ -3,7 +3,6 @@ whether slopes are found."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -32,7 +31,9 @@ DECISIONS = {
 # Of the third edition, fewer: a campaign takes several times as long.
 THIRD_WIDTHS = {"recommended six": 20, "nine, both balls clocked": 12}
 THIRD_DECISIONS = {"settling: constant": 20, "settling: slopes": 20}
+# The third edition is sampled with less effort.
 SHORT = lb.inference.StoppingRule(ess=400.0, rhat=1.05, max_steps=1000)
+# Evidence beyond this is decisive [nat].
 DECISIVE = 5.0
 HYPERS = ("sigma", "delta", "kappa", "tau")
 EQUAL = ("C_XXX_1", "C_YYY_1")
@@ -58,11 +59,13 @@ def posterior(degree: int, edition: designs.Edition = "first") -> dict[str, Any]
 
 
 def truth(degree: int, seed: int, edition: designs.Edition = "first") -> Truth:
-    """One draw of it; a circle's scale is drawn anew."""
-    drawn = {name: float(values[seed]) for name, values in posterior(degree, edition).items()}
-    parameters = {name: value for name, value in drawn.items() if name.startswith(("C_", "E_"))}
-    decay = {name: value for name, value in drawn.items() if name == "decay"}
-    return Truth(parameters, {name: 1e3 * drawn[name] for name in HYPERS} | decay)
+    """One draw from the posterior; a circle's scale is drawn anew."""
+    draw = {name: float(values[seed]) for name, values in posterior(degree, edition).items()}
+    parameters = {name: value for name, value in draw.items() if name.startswith(("C_", "E_"))}
+    hyper_um = {name: 1e3 * draw[name] for name in HYPERS}
+    if "decay" in draw:
+        hyper_um["decay"] = draw["decay"]
+    return Truth(parameters, hyper_um)
 
 
 def equal_slope() -> float:
@@ -73,22 +76,28 @@ def equal_slope() -> float:
 @cache
 def plan_of(kind: str, edition: designs.Edition = "first") -> lb.Plan:
     """The plan of a kind of simulated campaign."""
+    if kind.startswith("nine, "):
+        return designs.nine(kind.removeprefix("nine, "), edition).plan()
     if edition == "third":
-        found: dict[str, Callable[[], lb.analysis.Design]] = {
-            "recommended six": lambda: designs.six(edition),
-            "nine, both balls clocked": lambda: designs.nine("both balls clocked", edition),
-            "settling": lambda: designs.deciding(len(designs.settling().tests), edition),
-        }
-        return found[kind]().plan()
-    plans: dict[str, Callable[[], lb.Plan]] = {
-        "recommended six": lambda: designs.recommended().plan(),
-        "the paper's six": lambda: designs.pilot().plan(),
-        "nine, two radii": lambda: designs.nine("two radii").plan(),
-        "nine, both balls clocked": lambda: designs.nine("both balls clocked").plan(),
-        "settling": lambda: designs.settling().plan(),
-        SOUGHT: lambda: designs.finding(SOUGHT).plan(),
-    }
-    return plans[kind]()
+        return plan_of_third(kind)
+    if kind == "recommended six":
+        return designs.recommended().plan()
+    if kind == "the paper's six":
+        return designs.pilot().plan()
+    if kind == "settling":
+        return designs.settling().plan()
+    if kind == SOUGHT:
+        return designs.finding(SOUGHT).plan()
+    raise KeyError(kind)
+
+
+def plan_of_third(kind: str) -> lb.Plan:
+    """The plan of a kind by the third edition: six circles, or as many as settle by the first."""
+    if kind == "recommended six":
+        return designs.six("third").plan()
+    if kind == "settling":
+        return designs.deciding(len(designs.settling().tests), "third").plan()
+    raise KeyError(kind)
 
 
 def width_row(kind: str, seed: int, edition: designs.Edition = "first") -> dict[str, float]:
@@ -96,18 +105,20 @@ def width_row(kind: str, seed: int, edition: designs.Edition = "first") -> dict[
     every parameter."""
     true = truth(1, seed, edition)
     model = designs.EDITIONS[edition]
-    made = model.simulate(
+    simulation = model.simulate(
         plan_of(kind, edition), seed=1000 + seed, parameters=true.parameters, hyper_um=true.hyper_um
     )
     rule = None if edition == "first" else SHORT
-    found = lb.summarize(
-        lb.sample(model, made.campaign, sampler="independent", seed=seed, rule=rule)
+    posterior_draws = lb.sample(
+        model, simulation.campaign, sampler="independent", seed=seed, rule=rule
     )
+    table = lb.summarize(posterior_draws)
     row = {}
     for name, value in true.parameters.items():
-        own = found.loc[name]
-        row[f"{name} error"], row[f"{name} sd"] = own["mean"] - value, own["sd"]
-        row[f"{name} inside"] = float(own["ci_low"] <= value <= own["ci_high"])
+        entry = table.loc[name]
+        row[f"{name} error"] = entry["mean"] - value
+        row[f"{name} sd"] = entry["sd"]
+        row[f"{name} inside"] = float(entry["ci_low"] <= value <= entry["ci_high"])
     return row
 
 
@@ -119,29 +130,39 @@ def third_width_row(kind: str, seed: int) -> dict[str, float]:
 def decision_row(kind: str, seed: int, edition: designs.Edition = "first") -> dict[str, float]:
     """ln B [nat]: linear over constant, or linear over linear without the slope sought."""
     design, _, slopes = kind.partition(": ")
-    single = slopes in ("absent", "there")
-    true = truth(1 if single else 0, seed, edition)
+    one_slope_sought = slopes in ("absent", "there")
+    true = truth(int(one_slope_sought), seed, edition)
     model = designs.EDITIONS[edition]
-    rng = np.random.default_rng(7000 + seed)
     linear = zero_kept(model) if slopes.endswith("zero kept") else model
-    parameters = {
-        name: 0.0 for name in posterior(1, edition) if name.startswith(("C_", "E_"))
-    } | true.parameters
+    simulation = linear.simulate(
+        plan_of(design, edition),
+        seed=2000 + seed,
+        parameters=true_parameters(slopes, true, seed, edition),
+        hyper_um=true.hyper_um,
+    )
+    simpler = linear.fixing(SOUGHT) if one_slope_sought else linear.with_degree(0)
+    evidence = lb.log_evidence(linear, simulation.campaign, tolerance=1e-2)
+    evidence_of_simpler = lb.log_evidence(simpler, simulation.campaign, tolerance=1e-2)
+    return {"ln B": lb.inference.log_bayes_factor(evidence, evidence_of_simpler)[0]}
+
+
+def true_parameters(
+    slopes: str, true: Truth, seed: int, edition: designs.Edition
+) -> dict[str, float]:
+    """Parameters of a campaign that is to decide, with slopes as its kind says."""
+    rng = np.random.default_rng(7000 + seed)
+    names = [name for name in posterior(1, edition) if name.startswith(("C_", "E_"))]
+    parameters = dict.fromkeys(names, 0.0) | true.parameters
     if slopes == "slopes":
         parameters |= physical_slopes(parameters, rng, edition)
     elif slopes.startswith("equal slopes"):
         parameters |= dict.fromkeys(EQUAL, equal_slope())
-    elif single:
-        size = slope_sd()[SOUGHT] * designs.SOUGHT[SOUGHT] * rng.choice([-1.0, 1.0])
-        parameters[SOUGHT] = size if slopes == "there" else 0.0
-    made = linear.simulate(
-        plan_of(design, edition), seed=2000 + seed, parameters=parameters, hyper_um=true.hyper_um
-    )
-    lesser = linear.fixing(SOUGHT) if single else linear.with_degree(0)
-    with_, without = (
-        lb.log_evidence(model, made.campaign, tolerance=1e-2) for model in (linear, lesser)
-    )
-    return {"ln B": lb.inference.log_bayes_factor(with_, without)[0]}
+    elif slopes == "there":
+        size = slope_sd()[SOUGHT] * designs.SOUGHT[SOUGHT]
+        parameters[SOUGHT] = size * rng.choice([-1.0, 1.0])
+    elif slopes == "absent":
+        parameters[SOUGHT] = 0.0
+    return parameters
 
 
 def third_decision_row(kind: str, seed: int) -> dict[str, float]:
@@ -152,20 +173,21 @@ def third_decision_row(kind: str, seed: int) -> dict[str, float]:
 def zero_kept(model: lb.HybridModel) -> lb.HybridModel:
     """The model where only the centre moves between circles: the zero of the bar is checked before
     each."""
-    terms = (
-        replace(term, moves="centre") if type(term).__name__ == "SetupShift" else term
-        for term in model.nuisances
-    )
+    terms = []
+    for term in model.nuisances:
+        if type(term).__name__ == "SetupShift":
+            term = replace(term, moves="centre")
+        terms.append(term)
     return replace(model, nuisances=tuple(terms))
 
 
 @cache
 def slope_sd(edition: designs.Edition = "first") -> dict[str, float]:
     """Prior sd of the slopes at the pilot's range of force [inside units]."""
-    found = lb.identify(designs.EDITIONS[edition], designs.pilot()).parameters
+    parameters = lb.identify(designs.EDITIONS[edition], designs.pilot()).parameters
     return {
         name: float(entry.prior_sd)
-        for name, entry in found.items()
+        for name, entry in parameters.items()
         if name.startswith("C_") and name.endswith("_1")
     }
 
@@ -178,47 +200,52 @@ def physical_slopes(
     half_range = 0.5 * float(np.ptp(designs.pilot().forces_N))
     while True:
         slopes = {name: sd * rng.standard_normal() for name, sd in slope_sd(edition).items()}
-        if all(
-            parameters[name] >= half_range * abs(slopes[f"{name}_1"])
+        smallest = [
+            parameters[name] - half_range * abs(slopes[f"{name}_1"])
             for name in ("C_XXX", "C_YYY", "C_CCY")
-        ):
+        ]
+        if min(smallest) >= 0.0:
             return slopes
 
 
 def widths(rows: pd.DataFrame, kind: str, predicted: dict[str, float]) -> dict[str, Any]:
     """Of every parameter: predicted sd (the median over all machines that are possible), median sd
     and rms error over it, coverage of 95 % intervals; and over all of them."""
-    own = rows[rows["kind"] == kind]
+    of_kind = rows[rows["kind"] == kind]
     table = {}
     for name, sd in predicted.items():
+        rms_error = np.sqrt((of_kind[f"{name} error"] ** 2).mean())
         table[name] = {
             "predicted_sd": sd,
-            "width_over_predicted": float(own[f"{name} sd"].median() / sd),
-            "rms_error_over_predicted": float(np.sqrt((own[f"{name} error"] ** 2).mean()) / sd),
-            "coverage_95": float(own[f"{name} inside"].mean()),
+            "width_over_predicted": float(of_kind[f"{name} sd"].median() / sd),
+            "rms_error_over_predicted": float(rms_error / sd),
+            "coverage_95": float(of_kind[f"{name} inside"].mean()),
         }
-    covered = own[[f"{name} inside" for name in predicted]].mean(axis=1)
+    covered = of_kind[[f"{name} inside" for name in predicted]].mean(axis=1)
     return {
-        "count": len(own),
+        "count": len(of_kind),
         "coverage_mean": float(covered.mean()),
-        "coverage_mean_se": float(covered.std(ddof=1) / np.sqrt(len(own))),
+        "coverage_mean_se": float(covered.std(ddof=1) / np.sqrt(len(of_kind))),
         "parameters": table,
     }
 
 
 def decisions(rows: pd.DataFrame) -> dict[str, Any]:
     """Of every kind: ln B [nat], shares of either sign and of decisive evidence either way."""
-    found = {}
+    by_kind = {}
     for kind in dict.fromkeys(rows["kind"]):
         value = rows.loc[rows["kind"] == kind, "ln B"].to_numpy()
         low, median, high = np.quantile(value, [0.05, 0.5, 0.95])
-        found[kind] = {"count": len(value), "q5": low, "median": median, "q95": high}
-        found[kind] |= {
+        by_kind[kind] = {
+            "count": len(value),
+            "q5": low,
+            "median": median,
+            "q95": high,
             "positive": share(value > 0.0),
             "decisive with": share(value > DECISIVE),
             "decisive without": share(value < -DECISIVE),
         }
-    return found
+    return by_kind
 
 
 def share(hits: np.ndarray) -> dict[str, float]:

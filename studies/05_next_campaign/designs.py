@@ -36,6 +36,7 @@ NINE: Mapping[str, Mapping[str, Any]] = {
     "both balls clocked": {"clockings_deg": BOTH_BALLS},
     "radii and clockings to choose from": {"clockings_deg": BOTH_BALLS, "radii_mm": RADII_MM},
 }
+# Targets of the squareness [rad].
 WITHIN = {"E_C0YX": (3e-6, 1e-6)}
 # Of the third edition too: what it lets the direction of travel change is seen in both alone.
 BOTH_WAYS = "both balls clocked, both directions"
@@ -87,22 +88,28 @@ def deciding(tests: int, edition: Edition = "first") -> lb.analysis.Design:
 
 
 def fewest(
-    made: Callable[[int], lb.analysis.Design], good: Callable[[lb.analysis.Design], bool], most: int
+    design_of: Callable[[int], lb.analysis.Design],
+    is_enough: Callable[[lb.analysis.Design], bool],
+    largest: int,
 ) -> lb.analysis.Design:
-    """The design of the fewest circles that is good; more circles are better."""
-    numbers = range(2, most + 1)
-    place = bisect_left(numbers, True, key=lambda number: good(made(number)))
+    """The design of the fewest circles that are enough; more circles are better."""
+
+    def is_enough_circles(number: int) -> bool:
+        return is_enough(design_of(number))
+
+    numbers = range(2, largest + 1)
+    place = bisect_left(numbers, True, key=is_enough_circles)
     if place == len(numbers):
-        raise RuntimeError(f"{most} circles are not enough")
-    return made(numbers[place])
+        raise RuntimeError(f"{largest} circles are not enough")
+    return design_of(numbers[place])
 
 
 def settling() -> lb.analysis.Design:
     """The fewest circles that settle constant or linear with the power wanted, whichever is
     true."""
 
-    def settles(found: lb.analysis.Design) -> bool:
-        chances = found.discrimination
+    def settles(design: lb.analysis.Design) -> bool:
+        chances = design.discrimination
         return chances is not None and min(chances.decisive_with, chances.decisive_without) >= POWER
 
     return fewest(deciding, settles, MOST_TO_SETTLE)
@@ -120,16 +127,14 @@ def finding(slope: str) -> lb.analysis.Design:
     }
 
     @cache
-    def made(tests: int) -> lb.analysis.Design:
+    def design_of(tests: int) -> lb.analysis.Design:
         return lb.design(LINEAR, pilot(), tests=tests, **options)
 
-    return fewest(
-        made,
-        lambda found: (
-            found.discrimination is not None and found.discrimination.power[name] >= POWER
-        ),
-        MOST_TO_FIND,
-    )
+    def finds(design: lb.analysis.Design) -> bool:
+        chances = design.discrimination
+        return chances is not None and chances.power[name] >= POWER
+
+    return fewest(design_of, finds, MOST_TO_FIND)
 
 
 def squareness(edition: Edition = "first") -> dict[str, lb.analysis.Design]:
@@ -139,22 +144,32 @@ def squareness(edition: Edition = "first") -> dict[str, lb.analysis.Design]:
 
     def six_or_fewest(sd: float, **choice: Any) -> lb.analysis.Design:
         @cache
-        def made(tests: int) -> lb.analysis.Design:
-            wanted = {"criterion": "c", "parameters": ["E_C0YX"], "forces_N": FIVE_N}
-            return lb.design(EDITIONS[edition], pilot(), tests=tests, **wanted, **choice)
+        def design_of(tests: int) -> lb.analysis.Design:
+            return lb.design(
+                EDITIONS[edition],
+                pilot(),
+                tests=tests,
+                criterion="c",
+                parameters=["E_C0YX"],
+                forces_N=FIVE_N,
+                **choice,
+            )
 
-        if made(6).expected["E_C0YX"].floor_sd > sd:
-            return made(6)
-        return fewest(made, lambda found: found.expected["E_C0YX"].sd <= sd, MOST_TO_FIND)
+        def reaches_target(design: lb.analysis.Design) -> bool:
+            return design.expected["E_C0YX"].sd <= sd
 
-    found = {
+        if design_of(6).expected["E_C0YX"].floor_sd > sd:
+            return design_of(6)
+        return fewest(design_of, reaches_target, MOST_TO_FIND)
+
+    by_choice = {
         "forces alone": six_or_fewest(coarse),
         "two radii": six_or_fewest(coarse, radii_mm=RADII_MM),
         "both balls clocked": six_or_fewest(fine, clockings_deg=BOTH_BALLS),
     }
     if edition == "third":
-        found[BOTH_WAYS] = six_or_fewest(fine, **THIRD_NINE[BOTH_WAYS])
-    return found
+        by_choice[BOTH_WAYS] = six_or_fewest(fine, **THIRD_NINE[BOTH_WAYS])
+    return by_choice
 
 
 def flat(degree: int) -> lb.analysis.Design:

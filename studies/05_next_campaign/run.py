@@ -9,6 +9,7 @@ python studies/05_next_campaign/run.py --write    # states anew
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -54,11 +55,20 @@ def measure(effort: Effort) -> dict[str, Any]:
     decisions = replicated(
         HERE / "decisions.csv", campaigns.decision_row, campaigns.DECISIONS, effort, again=AGAIN
     )
-    kept = (("third_widths.csv", campaigns.third_width_row, campaigns.THIRD_WIDTHS),)
-    kept += (("third_decisions.csv", campaigns.third_decision_row, campaigns.THIRD_DECISIONS),)
-    again = [
-        replicated(HERE / name, job, kinds, effort, again=THIRD_AGAIN) for name, job, kinds in kept
-    ]
+    third_widths = replicated(
+        HERE / "third_widths.csv",
+        campaigns.third_width_row,
+        campaigns.THIRD_WIDTHS,
+        effort,
+        again=THIRD_AGAIN,
+    )
+    third_decisions = replicated(
+        HERE / "third_decisions.csv",
+        campaigns.third_decision_row,
+        campaigns.THIRD_DECISIONS,
+        effort,
+        again=THIRD_AGAIN,
+    )
     return {
         "six": six(),
         "flat": {name: flat(degree) for degree, name in enumerate(("constant", "linear"))},
@@ -68,7 +78,7 @@ def measure(effort: Effort) -> dict[str, Any]:
             "discrimination": decided(designs.settling()),
         },
         "finding": {slope: finding(slope) for slope in designs.SOUGHT},
-        "squareness": {name: square(found) for name, found in designs.squareness().items()},
+        "squareness": {name: square(design) for name, design in designs.squareness().items()},
         "nine": {choice: nine(choice) for choice in designs.NINE},
         "squareness_target_urad": [1e6 * target for target in designs.WITHIN["E_C0YX"]],
         "radii_mm": list(designs.RADII_MM),
@@ -76,38 +86,40 @@ def measure(effort: Effort) -> dict[str, Any]:
         "papers_step_N": designs.PAPER_N[-1] - designs.PAPER_N[-2],
         "equal_slope": 1e9 * campaigns.equal_slope(),
         "simulated": simulated(widths, decisions),
-        "third": third(*again, quick=effort == "quick"),
+        "third": third(third_widths, third_decisions, quick=effort == "quick"),
     }
+
+
+# What takes minutes, and is not measured with ``--quick``.
+LONG = ("third/squareness", f"third/nine/{designs.BOTH_WAYS}")
 
 
 def third(widths: pd.DataFrame, decisions: pd.DataFrame, *, quick: bool = False) -> dict[str, Any]:
-    """What the third edition makes of it: six circles, nine, squareness, and constant or linear of
-    so many and of very many.
+    """What the third edition says of the same designs; of constant or linear, with as many circles
+    as settle it by the first edition, and with very many.
 
     ``quick``: without what `LONG` names.
     """
-    few = len(designs.settling().tests)
     choices = [choice for choice in designs.THIRD_NINE if choice != designs.BOTH_WAYS or not quick]
-    found = {
+    numbers = {
         "six": six("third"),
         "nine": {choice: nine(choice, "third") for choice in choices},
         "settling": {
-            how: {**circles(own), **decided(own)}
-            for how, own in {
-                "few": designs.deciding(few, "third"),
-                "many": designs.deciding(designs.MOST_TO_FIND, "third"),
-            }.items()
+            "few": deciding(len(designs.settling().tests)),
+            "many": deciding(designs.MOST_TO_FIND),
         },
         "simulated": simulated(widths, decisions, "third"),
     }
-    if quick:
-        return found
-    return found | {
-        "squareness": {name: square(own) for name, own in designs.squareness("third").items()}
-    }
+    if not quick:
+        by_choice = designs.squareness("third")
+        numbers["squareness"] = {name: square(design) for name, design in by_choice.items()}
+    return numbers
 
 
-LONG = ("third/squareness", f"third/nine/{designs.BOTH_WAYS}")
+def deciding(tests: int) -> dict[str, Any]:
+    """Where so many circles go that decide by the third edition, and what ln B is expected."""
+    design = designs.deciding(tests, "third")
+    return {**circles(design), **decided(design)}
 
 
 def simulated(
@@ -115,37 +127,39 @@ def simulated(
 ) -> dict[str, Any]:
     """Widths and coverage of the simulated designs, the worst of both, and ln B of those that are
     to decide."""
-    found = {
+    by_kind = {
         kind: campaigns.widths(widths, kind, predicted(kind, edition))
         for kind in dict.fromkeys(widths["kind"])
     }
-    every = {
-        f"{name}, {kind}": own
-        for kind, table in found.items()
-        for name, own in table["parameters"].items()
-    }
-    lowest = min(every, key=lambda name: every[name]["coverage_95"])
+    coverage = {}
+    misses = []
+    for kind, table in by_kind.items():
+        for name, entry in table["parameters"].items():
+            coverage[f"{name}, {kind}"] = entry["coverage_95"]
+            misses.append(abs(entry["width_over_predicted"] - 1.0))
+    lowest = min(coverage, key=coverage.__getitem__)
     return {
-        "widths": found,
+        "widths": by_kind,
         "campaigns": len(widths) + len(decisions),
-        "mean_coverage": [table["coverage_mean"] for table in found.values()],
-        "largest_miss": max(abs(own["width_over_predicted"] - 1.0) for own in every.values()),
-        "lowest_coverage": {"name": lowest, "value": every[lowest]["coverage_95"]},
+        "mean_coverage": [table["coverage_mean"] for table in by_kind.values()],
+        "largest_miss": max(misses),
+        "lowest_coverage": {"name": lowest, "value": coverage[lowest]},
         "decisions": campaigns.decisions(decisions),
     }
 
 
 def six(edition: designs.Edition = "first") -> dict[str, Any]:
     """Six circles for all parameters, beside the paper's six and equal steps."""
-    found = designs.six(edition)
-    paper = found.compared[1]
-    ratio = {name: entry.sd / paper.expected[name].sd for name, entry in found.expected.items()}
+    design = designs.six(edition)
+    equal_steps, paper = design.compared
+    ratio = {name: entry.sd / paper.expected[name].sd for name, entry in design.expected.items()}
     return {
-        "forces_N": sorted(float(test.force_N or 0.0) for test in found.tests),
-        "efficiency": (
-            {"recommended": found.efficiency}
-            | {own.name: own.efficiency for own in (found.compared[0], paper)}
-        ),
+        "forces_N": sorted(float(test.force_N or 0.0) for test in design.tests),
+        "efficiency": {
+            "recommended": design.efficiency,
+            equal_steps.name: equal_steps.efficiency,
+            paper.name: paper.efficiency,
+        },
         "width_over_the_papers": ratio,
         "narrower": [value for name, value in ratio.items() if name.startswith("C_")],
     }
@@ -153,81 +167,82 @@ def six(edition: designs.Edition = "first") -> dict[str, Any]:
 
 def flat(degree: int) -> dict[str, Any]:
     """Best shares with flat priors; levels that are neighbours count as one."""
-    found = designs.flat(degree)
-    shares = found.shares.groupby("force_N")["share"].sum()
+    design = designs.flat(degree)
+    shares = design.shares.groupby("force_N")["share"].sum()
     level = (np.diff(shares.index.to_numpy(), prepend=-np.inf) > 2.0).cumsum()
-    grouped = [own for _, own in shares.groupby(level)]
+    levels = [of_level for _, of_level in shares.groupby(level)]
     return {
-        "forces_N": [float(np.average(own.index, weights=own)) for own in grouped],
-        "shares": [float(own.sum()) for own in grouped],
-        "the_papers_seven": found.compared[1].efficiency,
+        "forces_N": [float(np.average(of_level.index, weights=of_level)) for of_level in levels],
+        "shares": [float(of_level.sum()) for of_level in levels],
+        "the_papers_seven": design.compared[1].efficiency,
     }
 
 
-def circles(found: lb.analysis.Design) -> dict[str, Any]:
+def circles(design: lb.analysis.Design) -> dict[str, Any]:
     """How many circles at which force, with the same clocking and radius or any."""
-    count = found.table.groupby("force_N")["count"].sum()
-    return {
-        "number": len(found.tests),
-        "at_N": {f"{force:g}": int(n) for force, n in count.items()},
-    }
+    return {"number": len(design.tests), "at_N": counts_by(design, "force_N")}
 
 
-def decided(found: lb.analysis.Design) -> dict[str, Any]:
+def counts_by(design: lb.analysis.Design, column: str) -> dict[str, int]:
+    """How many circles there are of every force or radius."""
+    counts = design.table.groupby(column)["count"].sum()
+    return {f"{value:g}": int(count) for value, count in counts.items()}
+
+
+def decided(design: lb.analysis.Design) -> dict[str, Any]:
     """What the design expects of ln B."""
-    return {} if found.discrimination is None else found.discrimination.as_dict()
+    return {} if design.discrimination is None else design.discrimination.as_dict()
 
 
 def finding(slope: str) -> dict[str, Any]:
     """The fewest circles that find one slope, and what is expected if it is not there."""
-    found = designs.finding(slope)
+    design = designs.finding(slope)
     name = slope.partition(",")[0]
-    prior_sd = found.expected[name].prior_sd * SLOPE_FACTOR[name]
-    own = decided(found)
+    prior_sd = design.expected[name].prior_sd * SLOPE_FACTOR[name]
+    discrimination = decided(design)
     return {
         "size": designs.SOUGHT[slope] * prior_sd,
-        **circles(found),
-        "power": own["power"][name],
-        "expected_without": own["expected_without"],
-        "decisive_without": own["decisive_without"],
-        "sd": found.expected[name].sd * SLOPE_FACTOR[name],
-        "equal_steps_efficiency": found.compared[0].efficiency,
+        **circles(design),
+        "power": discrimination["power"][name],
+        "expected_without": discrimination["expected_without"],
+        "decisive_without": discrimination["decisive_without"],
+        "sd": design.expected[name].sd * SLOPE_FACTOR[name],
+        "equal_steps_efficiency": design.compared[0].efficiency,
     }
 
 
-def square(found: lb.analysis.Design) -> dict[str, Any]:
+def square(design: lb.analysis.Design) -> dict[str, Any]:
     """Squareness, and what any number of such circles would leave."""
     return {
-        **circles(found),
-        "urad": 1e6 * found.expected["E_C0YX"].sd,
-        "floor_urad": 1e6 * found.expected["E_C0YX"].floor_sd,
+        **circles(design),
+        "urad": 1e6 * design.expected["E_C0YX"].sd,
+        "floor_urad": 1e6 * design.expected["E_C0YX"].floor_sd,
     }
 
 
 def nine(choice: str, edition: designs.Edition = "first") -> dict[str, Any]:
     """Expected sd of nine circles, and how many there are of each radius."""
-    found = designs.nine(choice, edition)
+    design = designs.nine(choice, edition)
+    clockings = design.table[["work_ball_deg", "tool_ball_deg"]].drop_duplicates()
     return {
-        "at_radius_mm": {
-            f"{radius:g}": int(n)
-            for radius, n in found.table.groupby("radius_mm")["count"].sum().items()
-        },
-        "clockings": int(
-            found.table[["work_ball_deg", "tool_ball_deg"]].drop_duplicates().shape[0]
-        ),
-        "sd": {name: entry.sd for name, entry in found.expected.items()},
+        "at_radius_mm": counts_by(design, "radius_mm"),
+        "clockings": len(clockings),
+        "sd": sds(design.expected),
     }
+
+
+def sds(expected: Mapping[str, Any]) -> dict[str, float]:
+    """Expected sd of every parameter."""
+    return {name: entry.sd for name, entry in expected.items()}
 
 
 def predicted(kind: str, edition: designs.Edition) -> dict[str, float]:
     """Expected sd of every parameter of a simulated design."""
-    forecasts = {
-        "recommended six": lambda: designs.six(edition),
-        "the paper's six": lambda: designs.six(edition).compared[1],
-        "nine, two radii": lambda: designs.nine("two radii", edition),
-        "nine, both balls clocked": lambda: designs.nine("both balls clocked", edition),
-    }
-    return {name: entry.sd for name, entry in forecasts[kind]().expected.items()}
+    if kind == "recommended six":
+        return sds(designs.six(edition).expected)
+    if kind == "the paper's six":
+        return sds(designs.six(edition).compared[1].expected)
+    return sds(designs.nine(kind.removeprefix("nine, "), edition).expected)
 
 
 def draw(results: dict[str, Any]) -> dict[str, Figure]:
@@ -242,24 +257,30 @@ def settling_figure(results: dict[str, Any]) -> Figure:
     """Left: ln B of simulated campaigns; right: expected u of nine circles by what may be
     changed."""
     figure = Figure(figsize=(10.0, 3.8), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=[1.25, 1.0])
-    _evidence(left)
-    places = np.arange(len(SEPARATED))
-    for k, (choice, colour) in enumerate(COLOURS.items()):
-        sd = results["nine"][choice]["sd"]
-        ratio = [sd[name] / results["nine"]["forces alone"]["sd"][name] for name in SEPARATED]
-        bars = right.bar(places + 0.28 * (k - 1), ratio, width=0.26, color=colour, label=choice)
-        right.bar_label(
-            bars,
-            [f"{float(f'{sd[name] * factor:.2g}'):g}" for name, (factor, _) in SEPARATED.items()],
-            fontsize=8,
-        )
-    right.set_xticks(places, [label for _, label in SEPARATED.values()], fontsize=8)
-    right.set_ylim(0.0, 1.3)
-    right.set_ylabel("expected u / that of forces alone (1)")
-    right.set_title("Nine circles: geometry against ball form", fontsize=9.5)
-    right.legend(fontsize=8, loc="upper left", ncols=3, columnspacing=1.0, handlelength=1.2)
+    evidence_axes, ratio_axes = figure.subplots(1, 2, width_ratios=[1.25, 1.0])
+    _evidence(evidence_axes)
+    _ratios(ratio_axes, results["nine"])
     return figure
+
+
+def _ratios(axes: Axes, of_nine: dict[str, Any]) -> None:
+    """Expected u of geometric errors by what may be changed, over that by forces alone."""
+    places = np.arange(len(SEPARATED))
+    reference = of_nine["forces alone"]["sd"]
+    for k, (choice, colour) in enumerate(COLOURS.items()):
+        sd = of_nine[choice]["sd"]
+        ratio = [sd[name] / reference[name] for name in SEPARATED]
+        bars = axes.bar(places + 0.28 * (k - 1), ratio, width=0.26, color=colour, label=choice)
+        texts = []
+        for name, (factor, _) in SEPARATED.items():
+            two_digits = float(f"{sd[name] * factor:.2g}")
+            texts.append(f"{two_digits:g}")
+        axes.bar_label(bars, texts, fontsize=8)
+    axes.set_xticks(places, [label for _, label in SEPARATED.values()], fontsize=8)
+    axes.set_ylim(0.0, 1.3)
+    axes.set_ylabel("expected u / that of forces alone (1)")
+    axes.set_title("Nine circles: geometry against ball form", fontsize=9.5)
+    axes.legend(fontsize=8, loc="upper left", ncols=3, columnspacing=1.0, handlelength=1.2)
 
 
 def _evidence(axes: Axes) -> None:
@@ -284,10 +305,13 @@ def _evidence(axes: Axes) -> None:
     axes.set_xticks([-10, -5, 0, 5, 10, 100], ["−10", "−5", "0", "5", "10", "100"])
     axes.minorticks_off()
     axes.set_yticks(places, list(LABELS.values()), fontsize=8)
-    few, many = (len(campaigns.plan_of(name).tests) for name in ("settling", campaigns.SOUGHT))
+    settling_circles = len(campaigns.plan_of("settling").tests)
+    finding_circles = len(campaigns.plan_of(campaigns.SOUGHT).tests)
     axes.set_xlabel("ln B in favour of the slopes (nat, linear within ±5; grey: not decisive)")
     axes.set_title(
-        f"Simulated, median and 5 to 95 %: {few} (blue) and {many} circles (orange)", fontsize=9.5
+        f"Simulated, median and 5 to 95 %: {settling_circles} (blue) and {finding_circles} circles"
+        " (orange)",
+        fontsize=9.5,
     )
 
 
