@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -107,7 +107,7 @@ def everything() -> lb.Plan:
     """Six circles at four forces in both directions, both balls turned: every term that can act
     beside them does."""
     angle = np.arange(0.0, 360.0, 10.0)
-    runs = [
+    runs: list[tuple[int, Literal["CW", "CCW"], int, int]] = [
         (36, "CW", 0, 0),
         (742, "CCW", 0, 0),
         (742, "CW", 40, 0),
@@ -115,10 +115,16 @@ def everything() -> lb.Plan:
         (280, "CW", 0, 70),
         (500, "CCW", 0, 0),
     ]
-    tests = [
-        lb.CircularTest(float(force), angle, direction=way, work_ball_deg=work, tool_ball_deg=tool)  # type: ignore[arg-type]
-        for force, way, work, tool in runs
-    ]
+    tests = []
+    for force_N, direction, work_ball_deg, tool_ball_deg in runs:
+        test = lb.CircularTest(
+            float(force_N),
+            angle,
+            direction=direction,
+            work_ball_deg=work_ball_deg,
+            tool_ball_deg=tool_ball_deg,
+        )
+        tests.append(test)
     return lb.Plan(tuple(tests), radius_mm=150.0)
 
 
@@ -172,19 +178,18 @@ def row(kind: str, seed: int) -> dict[str, float]:
     beta, phi, by_emcee = draw("independent", start, DRAWS, seed=for_draws)
     hyper = bound.hyper_prior
     p = len(bound.names)
-    truth = np.array(
-        [simulation.parameters[name] for name in bound.names]
-        + [
-            simulation.hyper_um[name] / float(shown)
-            for name, shown in zip(hyper.names, hyper.shown, strict=True)
-        ]
-    )
+    parameters = [simulation.parameters[name] for name in bound.names]
+    hyper_parameters = [
+        simulation.hyper_um[name] / float(factor)
+        for name, factor in zip(hyper.names, hyper.shown, strict=True)
+    ]
+    truth = np.array(parameters + hyper_parameters)
     ranks = (np.hstack([beta, phi]) < truth).sum(axis=0)
-    found = dict(zip((*bound.names, *hyper.names), ranks.astype(float).tolist(), strict=True))
+    names = (*bound.names, *hyper.names)
+    numbers = dict(zip(names, ranks.astype(float).tolist(), strict=True))
     likelihood = bound.log_likelihood(truth[None, p:], truth[None, :p])[0]
-    found[LOG_LIKELIHOOD] = float((bound.log_likelihood(phi, beta) < likelihood).sum())
-    found[EMCEE] = float(by_emcee)
-    widths = beta.std(axis=0)
-    return found | {
-        WIDTH + name: float(width) for name, width in zip(bound.names, widths, strict=True)
-    }
+    numbers[LOG_LIKELIHOOD] = float((bound.log_likelihood(phi, beta) < likelihood).sum())
+    numbers[EMCEE] = float(by_emcee)
+    for name, width in zip(bound.names, beta.std(axis=0), strict=True):
+        numbers[WIDTH + name] = float(width)
+    return numbers

@@ -32,19 +32,23 @@ from study import Effort, Study, executor, kept, replicated, run
 FORCES_N = (36.0, 238.0, 364.0, 490.0, 616.0, 742.0)
 ARC_DEG = 220.0
 STEP_DEG = 2.0
+# How many times as many readings the case of more readings has.
 MORE = 4
 SEED = 6
+# Of the band that ranks should stay within, and of the intervals whose coverage is stated.
 PROBABILITY = 0.99
 SHARE = 0.95
+# Coverage below this is counted.
 LOW = 0.9
+# Campaigns of each case that are made again with ``--quick``.
 AGAIN = 10
 LINEAR = lb.HybridModel.first(1)
 THIRD = estimates.MODEL
 KEPT = HERE / "ranks.csv"
 KEPT_THIRD = HERE / "third_edition.csv"
-# Campaigns of the third edition, by how Ĉ is found.
 # What intervals of slopes should cover, pooled, as a user runs it.
 SLOPES_ASKED = 0.93
+# Campaigns of the third edition, by how Ĉ is found.
 CAMPAIGNS_OF = {"every term": 100, "estimated": 1000, "squares": 100, "truth": 1000}
 THIRD_AGAIN: dict[Effort, int] = {"quick": 2, "usual": 10}
 # Made again through `lb.calibrate`, as a user runs it: its fewest.
@@ -68,16 +72,17 @@ NUISANCES = (
     "discrepancy",
     "hysteresis",
 )
-
-
 # Seven circles of a machine like those of study 12; some with an odd one.
 SEVEN_N = (36.0, 112.0, 238.0, 364.0, 490.0, 616.0, 742.0)
 ODD_UM = 3.0
 CAMPAIGNS = 40
 LEVELS = np.array([0.025, 0.975])
+# Of the nodes of an integral over the hyper-parameters.
 TOLERANCE = 0.05
 COMPONENTS = 2048
 ODD_AGAIN: dict[Effort, int] = {"quick": 1, "usual": 3}
+# Marks of the groups of parameters in the figure, and where they stand beside their case.
+MARKS = {"C": ("o", -0.22), "slope": ("^", 0.0), "E": ("s", 0.22)}
 
 
 @dataclass(frozen=True)
@@ -96,18 +101,17 @@ def plan(*, arc_deg: float = 360.0, clocked: bool = False, step_deg: float = STE
     """The forces of the recovered experiment; both balls turned from circle to circle where
     asked."""
     turns = list(product((0.0, 45.0, 90.0), repeat=2))
+    if not clocked:
+        turns = [(0.0, 0.0)]
     angle = np.arange(0.0, arc_deg, step_deg)
-    return lb.Plan(
-        tuple(
-            lb.CircularTest(
-                force,
-                angle,
-                work_ball_deg=turns[k % 9][0] if clocked else 0.0,
-                tool_ball_deg=turns[k % 9][1] if clocked else 0.0,
-            )
-            for k, force in enumerate(FORCES_N)
+    tests = []
+    for k, force_N in enumerate(FORCES_N):
+        work_ball_deg, tool_ball_deg = turns[k % len(turns)]
+        test = lb.CircularTest(
+            force_N, angle, work_ball_deg=work_ball_deg, tool_ball_deg=tool_ball_deg
         )
-    )
+        tests.append(test)
+    return lb.Plan(tuple(tests))
 
 
 def cases() -> dict[str, Case]:
@@ -158,22 +162,25 @@ def ranked(case: Case, replicates: int, pool: Executor | None) -> lb.analysis.Va
 
 def all_ranks(effort: Effort) -> pd.DataFrame:
     """Ranks of every case of the first edition, one row per replicate; made again as far as the
-    effort goes, and all that are kept."""
-    made = []
+    effort goes, and all that are in the file."""
+    tables = []
+    counts = {}
     with executor() as pool:
         for kind, case in cases().items():
-            count = min(AGAIN, case.replicates) if effort == "quick" else case.replicates
-            found = ranked(case, count, pool)
-            if found.failures:
-                sys.exit(f"06_validation, {kind}: {found.failures[0]}")
-            made.append(ranks_of(found).assign(kind=kind))
-    counts = {kind: case.replicates for kind, case in cases().items()}
-    return kept(KEPT, pd.concat(made), counts, effort, tolerance=ONE_RANK, astray=ASTRAY)
+            counts[kind] = case.replicates
+            replicates = case.replicates
+            if effort == "quick":
+                replicates = min(AGAIN, replicates)
+            calibration = ranked(case, replicates, pool)
+            if calibration.failures:
+                sys.exit(f"06_validation, {kind}: {calibration.failures[0]}")
+            tables.append(ranks_of(calibration).assign(kind=kind))
+    return kept(KEPT, pd.concat(tables), counts, effort, tolerance=ONE_RANK, astray=ASTRAY)
 
 
-def ranks_of(found: lb.analysis.Validation) -> pd.DataFrame:
+def ranks_of(calibration: lb.analysis.Validation) -> pd.DataFrame:
     """One row for each replicate."""
-    ranks = pd.DataFrame(found.ranks.astype(float), columns=list(found.names))
+    ranks = pd.DataFrame(calibration.ranks.astype(float), columns=list(calibration.names))
     return ranks.assign(seed=range(len(ranks)))
 
 
@@ -184,7 +191,7 @@ def third_ranks(effort: Effort) -> pd.DataFrame:
         KEPT_THIRD, estimates.row, CAMPAIGNS_OF, effort, again=THIRD_AGAIN, tolerance=ONE_RANK
     )
     with executor() as pool:
-        found = lb.calibrate(
+        calibration = lb.calibrate(
             THIRD,
             estimates.everything(),
             replicates=FEWEST,
@@ -193,26 +200,35 @@ def third_ranks(effort: Effort) -> pd.DataFrame:
             seed=SEED,
             executor=pool,
         )
-    own = rows[rows["kind"] == "estimated"].sort_values("seed").head(FEWEST)
-    apart = np.abs(own[list(found.names)].to_numpy() - found.ranks) > 1.5
-    if apart.any(axis=1).sum() > 1:
+    estimated = rows[rows["kind"] == "estimated"].sort_values("seed").head(FEWEST)
+    ranks = estimated[list(calibration.names)].to_numpy()
+    differs = (np.abs(ranks - calibration.ranks) > 1.5).any(axis=1)
+    if differs.sum() > 1:
         sys.exit(f"06_validation: `lb.calibrate` differs from {KEPT_THIRD.name}")
     return rows
 
 
 def validation(ranks: pd.DataFrame, kind: str) -> lb.analysis.Validation:
-    """The kept ranks of one case."""
-    own = ranks[ranks["kind"] == kind].drop(columns=["kind", "seed"]).dropna(axis="columns")
-    own = own[[name for name in own if not name.startswith(WIDTH)]]
-    by_emcee = tuple(np.flatnonzero(own.pop(EMCEE)).tolist()) if EMCEE in own else ()
+    """The ranks of one case as `lb.calibrate` returns them."""
+    of_kind = ranks[ranks["kind"] == kind].drop(columns=["kind", "seed"]).dropna(axis="columns")
+    of_kind = of_kind[[name for name in of_kind if not name.startswith(WIDTH)]]
+    by_emcee: tuple[int, ...] = ()
+    if EMCEE in of_kind:
+        by_emcee = tuple(np.flatnonzero(of_kind.pop(EMCEE)).tolist())
     return lb.analysis.Validation(
-        tuple(own.columns), own.to_numpy(dtype=int), DRAWS, "independent", PROBABILITY, (), by_emcee
+        tuple(of_kind.columns),
+        of_kind.to_numpy(dtype=int),
+        DRAWS,
+        "independent",
+        PROBABILITY,
+        (),
+        by_emcee,
     )
 
 
-def coverages(found: lb.analysis.Validation) -> dict[str, float]:
+def coverages(calibration: lb.analysis.Validation) -> dict[str, float]:
     """Of the 95 % intervals of compliances, slopes and geometric errors."""
-    shares = found.coverage()[f"{100 * SHARE:g}"]
+    shares = calibration.coverage()[f"{100 * SHARE:g}"]
     return {
         str(name): float(value)
         for name, value in shares.items()
@@ -228,67 +244,104 @@ def pooled(share: dict[str, float]) -> dict[str, float]:
     return {group: float(np.mean(values)) for group, values in groups.items()}
 
 
-def stated(words: str, found: lb.analysis.Validation) -> dict[str, Any]:
+def stated(words: str, calibration: lb.analysis.Validation) -> dict[str, Any]:
     """What the page says of one case."""
-    share = coverages(found)
-    worst = min(share, key=lambda name: share[name])
+    coverage = coverages(calibration)
+    worst = min(coverage, key=coverage.__getitem__)
     return {
         "words": words,
-        "replicates": found.replicates,
-        "quantities": len(found.names),
-        "outside": len(found.outside),
-        "outside_names": list(found.outside),
-        "coverage": share,
-        "mean_coverage": float(np.mean(list(share.values()))),
-        "pooled": pooled(share),
-        "worst_coverage": share[worst],
+        "replicates": calibration.replicates,
+        "quantities": len(calibration.names),
+        "outside": len(calibration.outside),
+        "outside_names": list(calibration.outside),
+        "coverage": coverage,
+        "mean_coverage": float(np.mean(list(coverage.values()))),
+        "pooled": pooled(coverage),
+        "worst_coverage": coverage[worst],
         "worst": worst.replace("C0YX", "C(0Y)X"),
-        "below_90": sum(value < LOW for value in share.values()),
-        "se_of_one": float(np.sqrt(SHARE * (1.0 - SHARE) / found.replicates)),
-        "by_emcee": len(found.by_emcee),
+        "below_90": sum(value < LOW for value in coverage.values()),
+        "se_of_one": float(np.sqrt(SHARE * (1.0 - SHARE) / calibration.replicates)),
+        "by_emcee": len(calibration.by_emcee),
     }
 
 
 def price_of_estimate(ranks: pd.DataFrame) -> dict[str, Any]:
-    """By how Ĉ is found, of the campaigns that all ways have: coverage, and the median width over
-    that with the truth known, of compliances, slopes and geometric errors."""
-    ways = ("squares", "estimated", "truth")
-    common = min(CAMPAIGNS_OF[kind] for kind in ways)
-    same = {
-        kind: ranks[(ranks["kind"] == kind) & (ranks["seed"] < common)].sort_values("seed")
-        for kind in ways
-    }
-    found: dict[str, Any] = {"campaigns": common}
-    for kind, own in same.items():
-        width: dict[str, list[float]] = {"C": [], "slope": [], "E": []}
-        for name in own.filter(regex=f"^{WIDTH}"):
-            ratio = own[name].to_numpy() / same["truth"][name].to_numpy()
-            width[_group(name.removeprefix(WIDTH))].append(float(np.median(ratio)))
-        found[kind] = stated(estimates.WORDS[kind], validation(own, kind))
-        found[kind] |= {"width": {group: float(np.mean(values)) for group, values in width.items()}}
-    return found
+    """By how Ĉ is found, of the campaigns that were analysed by every method: coverage, and the
+    median width over that with the truth known, of compliances, slopes and geometric errors."""
+    methods = ("squares", "estimated", "truth")
+    count = min(CAMPAIGNS_OF[method] for method in methods)
+    common = ranks[ranks["seed"] < count].sort_values("seed")
+    with_truth = common[common["kind"] == "truth"]
+    numbers: dict[str, Any] = {"campaigns": count}
+    for method in methods:
+        rows = common[common["kind"] == method]
+        numbers[method] = stated(estimates.WORDS[method], validation(rows, method))
+        numbers[method]["width"] = width_ratios(rows, with_truth)
+    return numbers
+
+
+def width_ratios(rows: pd.DataFrame, reference: pd.DataFrame) -> dict[str, float]:
+    """Median ratio of the widths of the same campaigns, mean by group of parameters."""
+    ratios: dict[str, list[float]] = {"C": [], "slope": [], "E": []}
+    for name in rows.filter(regex=f"^{WIDTH}"):
+        ratio = rows[name].to_numpy() / reference[name].to_numpy()
+        ratios[_group(name.removeprefix(WIDTH))].append(float(np.median(ratio)))
+    return {group: float(np.mean(values)) for group, values in ratios.items()}
 
 
 def seven_circles(kind: str, seed: int) -> dict[str, float]:
-    """Seven circles of a machine of λ = 1, with and without a scale for every circle: of every
-    compliance the sd and whether the interval covers the truth. Where ``kind`` is odd one circle
-    changes by 3 µm at every order up to six, over the order."""
+    """Seven circles of a machine of λ = 1, with and without a scale for every circle.
+
+    Of every compliance: the sd and whether the interval covers the truth. Where ``kind`` is odd one
+    circle changes by 3 µm at every order up to six, over the order.
+    """
     rng = np.random.default_rng([seed, 6])
-    angle = np.arange(0.0, 360.0, 4.0)
-    planned = lb.Plan(tuple(lb.CircularTest(force, angle) for force in SEVEN_N), radius_mm=150.0)
+    angle_deg = np.arange(0.0, 360.0, 4.0)
+    planned = lb.Plan(
+        tuple(lb.CircularTest(force_N, angle_deg) for force_N in SEVEN_N), radius_mm=150.0
+    )
+    compliances = drawn_compliances(rng)
+    truth = compliances | drawn_slopes(compliances, rng) | drawn_geometry(rng)
+    without_scale = THIRD.without("circle-scale")
+    campaign = without_scale.simulate(planned, seed=seed, parameters=truth).campaign
+    if kind == "odd":
+        campaign = with_odd_circle(campaign, angle_deg, rng)
+    row: dict[str, float] = {}
+    for name, model in (("with", THIRD), ("without", without_scale)):
+        nodes = HyperPosterior(model.bind(campaign), truncated=True).nodes(TOLERANCE)
+        _, sd = nodes.moments()
+        low, high = nodes.quantiles(LEVELS, seed=1, components=COMPONENTS)
+        for parameter in compliances:
+            j = nodes.bound.names.index(parameter)
+            row[f"{name}/{parameter}/sd"] = sd[j]
+            row[f"{name}/{parameter}/covered"] = low[j] <= truth[parameter] <= high[j]
+    return row
+
+
+def drawn_compliances(rng: np.random.Generator) -> dict[str, float]:
+    """Compliances of a machine [mm, N, rad]."""
     axial = rng.uniform(3e-5, 8e-5, 2)
-    sizes = {
+    return {
         "C_XXX": axial[0],
         "C_YYY": axial[1],
         "C_CCY": rng.uniform(0.5e-10, 4e-10),
         "C_XYX": rng.normal(0.0, 1e-6),
+        "C_CXY": rng.normal(0.0, 2e-8),
+        "C_CYY": rng.normal(0.0, 2e-8),
     }
-    sizes |= {name: rng.normal(0.0, 2e-8) for name in ("C_CXY", "C_CYY")}
-    slopes = {
-        f"{name}_1": value * rng.normal(0.0, 0.12) / (SEVEN_N[-1] - SEVEN_N[0])
-        for name, value in sizes.items()
-    }
-    geometry = {
+
+
+def drawn_slopes(compliances: dict[str, float], rng: np.random.Generator) -> dict[str, float]:
+    """Slopes that change a compliance by 12 % over the range of force, one sd."""
+    slopes = {}
+    for name, value in compliances.items():
+        slopes[f"{name}_1"] = value * rng.normal(0.0, 0.12) / (SEVEN_N[-1] - SEVEN_N[0])
+    return slopes
+
+
+def drawn_geometry(rng: np.random.Generator) -> dict[str, float]:
+    """Geometric errors [mm, rad]."""
+    sds = {
         "E_XX1": 5e-5,
         "E_YY1": 5e-5,
         "E_C0YX": 2e-5,
@@ -297,65 +350,52 @@ def seven_circles(kind: str, seed: int) -> dict[str, float]:
         "E_Xt0": 5e-3,
         "E_Yt0": 5e-3,
     }
-    truth = sizes | slopes | {name: rng.normal(0.0, sd) for name, sd in geometry.items()}
-    alike = THIRD.without("circle-scale")
-    campaign = alike.simulate(planned, seed=seed, parameters=truth).campaign
-    if kind == "odd":
-        order = np.repeat(np.arange(7), 2)[1:]
-        odd = int(rng.integers(len(SEVEN_N)))
-        change = basis(np.deg2rad(angle))[:, :13] @ (
-            ODD_UM * rng.standard_normal(13) / np.maximum(order, 1)
-        )
-        tests = list(campaign.tests)
-        tests[odd] = tests[odd].with_reading_um(np.asarray(tests[odd].reading_um) + change)
-        campaign = replace(campaign, tests=tuple(tests))
-    row = dict[str, float]()
-    for name, model in (("with", THIRD), ("without", alike)):
-        nodes = HyperPosterior(model.bind(campaign), truncated=True).nodes(TOLERANCE)
-        (_, sd), (low, high) = (
-            nodes.moments(),
-            nodes.quantiles(LEVELS, seed=1, components=COMPONENTS),
-        )
-        for parameter in sizes:
-            j = nodes.bound.names.index(parameter)
-            row |= {
-                f"{name}/{parameter}/sd": sd[j],
-                f"{name}/{parameter}/covered": low[j] <= truth[parameter] <= high[j],
-            }
-    return row
+    return {name: rng.normal(0.0, sd) for name, sd in sds.items()}
+
+
+def with_odd_circle(
+    campaign: lb.Campaign, angle_deg: np.ndarray, rng: np.random.Generator
+) -> lb.Campaign:
+    """The campaign with one circle changed at the orders 0 to 6."""
+    order = np.repeat(np.arange(7), 2)[1:]
+    odd_index = int(rng.integers(len(SEVEN_N)))
+    size_um = ODD_UM * rng.standard_normal(13) / np.maximum(order, 1)
+    change_um = basis(np.deg2rad(angle_deg))[:, :13] @ size_um
+    tests = list(campaign.tests)
+    reading_um = np.asarray(tests[odd_index].reading_um)
+    tests[odd_index] = tests[odd_index].with_reading_um(reading_um + change_um)
+    return replace(campaign, tests=tuple(tests))
 
 
 def scales(effort: Effort) -> dict[str, Any]:
     """What a scale for every circle costs where all are alike, and gives where one is odd."""
     kinds = {"alike": CAMPAIGNS, "odd": CAMPAIGNS}
     rows = replicated(HERE / "scales.csv", seven_circles, kinds, effort, again=ODD_AGAIN)
-    names = [
-        column.split("/")[1]
-        for column in rows.columns
-        if column.startswith("with/") and column.endswith("/sd")
-    ]
-    found: dict[str, Any] = {"se": float(np.sqrt(SHARE * (1.0 - SHARE) / (len(names) * CAMPAIGNS)))}
-    for kind, own in rows.groupby("kind"):
-        ratio = {
-            name: float((own[f"with/{name}/sd"] / own[f"without/{name}/sd"]).median())
-            for name in names
-        }
-        covered = {
-            model: {name: float(own[f"{model}/{name}/covered"].mean()) for name in names}
-            for model in ("with", "without")
-        }
-        found[str(kind)] = {
-            "campaigns": len(own),
-            "ratio": ratio,
-            "pooled_ratio": float(
-                np.median([own[f"with/{name}/sd"] / own[f"without/{name}/sd"] for name in names])
-            ),
-            "coverage": {
-                model: float(np.mean(list(shares.values()))) for model, shares in covered.items()
-            },
-            "by_compliance": covered,
-        }
-    return found
+    with_scale = rows.filter(regex="^with/.*/sd$").columns
+    names = [column.split("/")[1] for column in with_scale]
+    se = float(np.sqrt(SHARE * (1.0 - SHARE) / (len(names) * CAMPAIGNS)))
+    numbers: dict[str, Any] = {"se": se}
+    for kind, of_kind in rows.groupby("kind"):
+        numbers[str(kind)] = of_scale(of_kind, names)
+    return numbers
+
+
+def of_scale(rows: pd.DataFrame, names: list[str]) -> dict[str, Any]:
+    """Of one kind of campaigns: widths with a scale over those without, and coverage of both."""
+    ratios = {name: rows[f"with/{name}/sd"] / rows[f"without/{name}/sd"] for name in names}
+    by_compliance: dict[str, dict[str, float]] = {}
+    coverage = {}
+    for model in ("with", "without"):
+        shares = {name: float(rows[f"{model}/{name}/covered"].mean()) for name in names}
+        by_compliance[model] = shares
+        coverage[model] = float(np.mean(list(shares.values())))
+    return {
+        "campaigns": len(rows),
+        "ratio": {name: float(ratio.median()) for name, ratio in ratios.items()},
+        "pooled_ratio": float(np.median(list(ratios.values()))),
+        "coverage": coverage,
+        "by_compliance": by_compliance,
+    }
 
 
 def measure(effort: Effort) -> dict[str, Any]:
@@ -395,17 +435,17 @@ def measure(effort: Effort) -> dict[str, Any]:
 @lb.figures.styled
 def coverage_figure(results: dict[str, Any]) -> Figure:
     """Coverage of the 95 % intervals, parameter by parameter, case by case."""
-    found = results["cases"]
+    cases_stated = results["cases"]
     figure = lb.figures.new_figure(9.6, 4.6)
     axes = figure.subplots()
-    for k, (kind, case) in enumerate(found.items()):
-        right = kind in results["calibrated"]
-        for offset, start, shape in ((-0.22, "C", "o"), (0.0, "slope", "^"), (0.22, "E", "s")):
-            own = [share for name, share in case["coverage"].items() if _group(name) == start]
-            colour = lb.figures.PALETTE[0 if right else 1]
+    for k, (kind, case) in enumerate(cases_stated.items()):
+        is_right = kind in results["calibrated"]
+        colour = lb.figures.PALETTE[0 if is_right else 1]
+        for group, (shape, offset) in MARKS.items():
+            shares = [share for name, share in case["coverage"].items() if _group(name) == group]
             axes.plot(
-                [k + offset] * len(own),
-                own,
+                [k + offset] * len(shares),
+                shares,
                 shape,
                 color=colour,
                 markersize=4,
@@ -417,7 +457,8 @@ def coverage_figure(results: dict[str, Any]) -> Figure:
             [k - 0.42, k + 0.42], SHARE - half, min(SHARE + half, 1.0), color="#DADADA", linewidth=0
         )
     axes.axhline(SHARE, color="black", linewidth=0.8, linestyle="--")
-    axes.set_xticks(range(len(found)), [_broken(case["words"]) for case in found.values()])
+    labels = [_broken(case["words"]) for case in cases_stated.values()]
+    axes.set_xticks(range(len(cases_stated)), labels)
     axes.tick_params(axis="x", labelsize=7, rotation=35)
     axes.set_ylim(0.0, 1.02)
     axes.set_ylabel("coverage of 95 % intervals (1)")
@@ -433,7 +474,10 @@ def _broken(words: str) -> str:
 
 
 def _group(name: str) -> str:
-    return "E" if name.startswith("E_") else "slope" if name.endswith("_1") else "C"
+    """Group of a parameter: geometric errors, slopes or compliances."""
+    if name.startswith("E_"):
+        return "E"
+    return "slope" if name.endswith("_1") else "C"
 
 
 def draw(results: dict[str, Any]) -> dict[str, Figure]:
