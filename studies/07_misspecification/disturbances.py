@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import ldbb_bayes as lb
 
 Array = NDArray[np.float64]
-Way = Literal["CW", "CCW"]
+Direction = Literal["CW", "CCW"]
 FORCES_N = (36.0, 112.0, 238.0, 364.0, 490.0, 616.0, 742.0)
 RANGE_N = FORCES_N[-1] - FORCES_N[0]
 MID_N = (FORCES_N[0] + FORCES_N[-1]) / 2.0
@@ -51,7 +51,9 @@ GEOMETRY_SD = {
     "E_Yt0": 0.02,
 }  # mm, rad
 SLOPE_SCALE = 0.3
+# In the third edition slopes go with the compliance, or with its prior sd over this where smaller.
 LEAST_SHARE = 20.0
+# Truths are drawn from the prior with its sd times this; direct compliances within this share.
 NARROWER = 0.5
 DIRECT_SPREAD = 0.3
 CIRCLE_S = 600.0
@@ -164,25 +166,29 @@ def simulated(kind: Kind, seed: int, edition: Edition) -> tuple[lb.Campaign, dic
     are those of every kind, as this edition of the model believes them."""
     rng = np.random.default_rng([seed, 0])
     plan = _plan(kind, rng)
-    loaded = replace(
-        plan, tests=tuple(replace(t, force_N=actual_force_N(kind, t)) for t in plan.tests)
-    )
+    actual_tests = [replace(test, force_N=actual_force_N(kind, test)) for test in plan.tests]
     truth = _truth(rng, edition)
     quiet = replace(EDITIONS[edition].without(*ADDED[edition]), reference_force_N=MID_N)
-    made = quiet.simulate(
-        loaded, seed=seed, parameters=truth, hyper_um=HYPER_UM[edition] | {"sigma": 0.0}
+    actual = quiet.simulate(
+        replace(plan, tests=tuple(actual_tests)),
+        seed=seed,
+        parameters=truth,
+        hyper_um=HYPER_UM[edition] | {"sigma": 0.0},
     ).campaign
     heading = rng.uniform(0.0, 2.0 * np.pi)
-    noise = np.random.default_rng([seed, 1])
+    noise_rng = np.random.default_rng([seed, 1])
     mean_warmth = float(np.mean([warmth(test) for test in plan.tests]))
+    sigma_um = HYPER_UM[edition]["sigma"]
     tests = []
-    for used, own in zip(plan.tests, made.tests, strict=True):
-        added = added_um(kind, own, heading, mean_warmth) + _noise_um(
-            kind, HYPER_UM[edition]["sigma"], len(own.angle_deg), noise
-        )
-        test = used.with_reading_um(own.reading_um + added)
-        test = lb.reading.mask_reversals(test) if kind.masked else test
-        tests.append(test if kind.stated else replace(test, direction=None))
+    for planned, measured in zip(plan.tests, actual.tests, strict=True):
+        noise_um = _noise_um(kind, sigma_um, len(measured.angle_deg), noise_rng)
+        disturbance_um = added_um(kind, measured, heading, mean_warmth) + noise_um
+        test = planned.with_reading_um(measured.reading_um + disturbance_um)
+        if kind.masked:
+            test = lb.reading.mask_reversals(test)
+        if not kind.stated:
+            test = replace(test, direction=None)
+        tests.append(test)
     return replace(plan, tests=tuple(tests)), truth
 
 
@@ -207,58 +213,72 @@ def added_um(kind: Kind, test: lb.CircularTest, heading: float, mean_warmth: flo
     x = np.cos(np.deg2rad(angle))
     y = np.sin(np.deg2rad(angle))
     travel = 1.0 if test.direction == "CCW" else -1.0
+    since_reversal_deg = np.array(
+        [np.mod(travel * (angle - quadrant), 360.0) for quadrant in QUADRANTS_DEG]
+    )
+    spikes = kind.spike_um * np.exp(-since_reversal_deg / SPIKE_DEG).sum(axis=0)
+    mismatch_um = kind.hysteresis_um + kind.hysteresis_um_per_kN * force * 1e-3
+    mismatch = travel * mismatch_um * 2.0 * x * y
+    drift = (warmth(test) - mean_warmth) * (
+        kind.centre_um * (x * np.cos(heading) + y * np.sin(heading)) + kind.bar_um
+    )
+    mount = kind.curvature_um * (force / FORCES_N[-1]) ** 2
+    return np.asarray(_backlash_um(kind, force, angle, travel) + spikes + mismatch + drift + mount)
+
+
+def _backlash_um(kind: Kind, force: float, angle: Array, travel: float) -> Array:
+    """Backlash of both axes along the bar, shape (n,) [µm]; ``travel``: 1 counter-clockwise."""
+    x = np.cos(np.deg2rad(angle))
+    y = np.sin(np.deg2rad(angle))
     gaps = np.array(kind.backlash_um) + np.array(kind.backlash_um_per_kN) * force * 1e-3
     lag_x = np.where(np.mod(angle, 360.0) < 180.0, travel, -travel)
     lag_y = np.where(np.mod(angle - 90.0, 360.0) < 180.0, travel, -travel)
     if kind.closed_above_N is not None:
         lag_x = np.where(force * np.abs(x) > kind.closed_above_N, np.sign(x), lag_x)
         lag_y = np.where(force * np.abs(y) > kind.closed_above_N, np.sign(y), lag_y)
-    since = np.array([np.mod(travel * (angle - quadrant), 360.0) for quadrant in QUADRANTS_DEG])
-    spikes = kind.spike_um * np.exp(-since / SPIKE_DEG).sum(axis=0)
-    smooth = travel * (kind.hysteresis_um + kind.hysteresis_um_per_kN * force * 1e-3) * 2.0 * x * y
-    moved = (warmth(test) - mean_warmth) * (
-        kind.centre_um * (x * np.cos(heading) + y * np.sin(heading)) + kind.bar_um
-    )
-    bent = kind.curvature_um * (force / FORCES_N[-1]) ** 2
-    return np.asarray(
-        0.5 * (gaps[0] * lag_x * x + gaps[1] * lag_y * y) + spikes + smooth + moved + bent
-    )
+    return np.asarray(0.5 * (gaps[0] * lag_x * x + gaps[1] * lag_y * y))
 
 
 def _plan(kind: Kind, rng: np.random.Generator) -> lb.Campaign:
     """Seven forces, low to high or in random order, one circle every `CIRCLE_S`; CW, or CW and
     CCW."""
+    # Drawn for every kind, so that all kinds of a seed have the same truth.
     places = rng.permutation(len(FORCES_N))
-    places = places if kind.random_order else np.arange(len(FORCES_N))
-    ways: tuple[Way, ...] = ("CW", "CCW") if kind.both_ways else ("CW",)
+    if not kind.random_order:
+        places = np.arange(len(FORCES_N))
+    directions: tuple[Direction, ...] = ("CW",)
+    if kind.both_ways:
+        directions = ("CW", "CCW")
+    angle_deg = np.arange(0.0, 360.0, 360.0 / READINGS)
     law = lb.campaign.ForceLaw()
-    tests = [
-        lb.CircularTest(
-            force,
-            np.arange(0.0, 360.0, 360.0 / READINGS),
-            pressure_bar=law.pressure_bar(force),
-            direction=way,
-            time_s=float(place * len(ways) + i) * CIRCLE_S,
-        )
-        for force, place in zip(FORCES_N, places, strict=True)
-        for i, way in enumerate(ways)
-    ]
+    tests = []
+    for force_N, place in zip(FORCES_N, places, strict=True):
+        for i, direction in enumerate(directions):
+            test = lb.CircularTest(
+                force_N,
+                angle_deg,
+                pressure_bar=law.pressure_bar(force_N),
+                direction=direction,
+                time_s=float(place * len(directions) + i) * CIRCLE_S,
+            )
+            tests.append(test)
     return lb.Campaign(tuple(tests))
 
 
 def _truth(rng: np.random.Generator, edition: Edition) -> dict[str, float]:
-    """Compliances about the published ones, the rest within `NARROWER` of its prior, slopes of the
-    prior's compliance or, in the third edition, of their own; C_XXX(F), C_YYY(F), C_CCY(F) ≥ 0."""
+    """True parameters: direct compliances about the published ones, the others within `NARROWER` of
+    their prior, slopes in proportion to the prior's compliance or, in the third edition, to the
+    machine's; C_XXX(F), C_YYY(F), C_CCY(F) ≥ 0."""
     spread = np.array([rng.uniform(1.0 - DIRECT_SPREAD, 1.0 + DIRECT_SPREAD) for _ in DIRECT])
     truth = {
         name: NARROWER * sd * rng.standard_normal() for name, sd in (PRIOR_SD | GEOMETRY_SD).items()
     }
-    truth |= {
-        name: value * factor for (name, value), factor in zip(DIRECT.items(), spread, strict=True)
-    }
+    for (name, value), factor in zip(DIRECT.items(), spread, strict=True):
+        truth[name] = value * factor
     truth["C_CCY"] = abs(truth["C_CCY"])
-    own = {name: max(abs(truth[name]), sd / LEAST_SHARE) for name, sd in PRIOR_SD.items()}
-    size = PRIOR_SD if edition == "first" else own
+    size = PRIOR_SD
+    if edition == "third":
+        size = {name: max(abs(truth[name]), sd / LEAST_SHARE) for name, sd in PRIOR_SD.items()}
     slopes = {
         name: NARROWER * SLOPE_SCALE * sd / RANGE_N * rng.standard_normal()
         for name, sd in size.items()
@@ -275,5 +295,5 @@ def _noise_um(kind: Kind, sigma: float, count: int, rng: np.random.Generator) ->
         nu = kind.degrees_of_freedom
         return np.asarray(sigma * np.sqrt((nu - 2.0) / nu) * rng.standard_t(nu, count))
     noise = sigma * rng.standard_normal(count)
-    struck = rng.random(count) < kind.outliers
-    return np.asarray(noise + OUTLIER_UM * struck * rng.choice([-1.0, 1.0], count))
+    is_outlier = rng.random(count) < kind.outliers
+    return np.asarray(noise + OUTLIER_UM * is_outlier * rng.choice([-1.0, 1.0], count))
