@@ -38,6 +38,7 @@ __all__ = [
 FORCES_N = (36.0, 150.0, 270.0, 389.0, 505.0, 625.0, 742.0)
 READINGS = 90
 MACHINES = 12
+# Campaigns on every machine of a fleet.
 CAMPAIGNS = 1
 SPREAD_SCALE = 0.3
 REPEATABILITY = 0.01
@@ -58,7 +59,9 @@ PLAN = lb.Plan(
 )
 # What differs from campaign to campaign; the mount and the force's gain are the bar's and added
 # below.
-EACH = MODEL.with_term(ForceError(gain_sd=1e-12, curvature_sd=0.0)).without("mount", "truncation")
+MODEL_OF_CAMPAIGN = MODEL.with_term(ForceError(gain_sd=1e-12, curvature_sd=0.0)).without(
+    "mount", "truncation"
+)
 BOUND = MODEL.without("truncation").bind(PLAN)
 COMPLIANCES = tuple(p.name for p in BOUND.parameters if p.group == "compliance")
 PRIOR_SD = dict(zip(BOUND.names, BOUND.prior_sd, strict=True))
@@ -74,7 +77,9 @@ MONTHLY_PLAN = lb.Plan(
     name="eight circles",
     order="random",
 )
-EACH_MONTH = MODEL_OF_MONTHS.without("mount", "force-error", "truncation", "joint-load", "position")
+MODEL_OF_MONTH = MODEL_OF_MONTHS.without(
+    "mount", "force-error", "truncation", "joint-load", "position"
+)
 USUAL = {"C_XXX": 6e-5, "C_YYY": 5e-5, "C_CCY": 5e-10}
 
 
@@ -90,27 +95,26 @@ class Bar:
     def measured(self, compliances: Mapping[str, float], rng: np.random.Generator) -> lb.Campaign:
         """A campaign on a machine of these compliances; slopes and geometric errors are drawn from
         their priors."""
-        others = {
-            name: sd * rng.standard_normal()
-            for name, sd in PRIOR_SD.items()
-            if name not in COMPLIANCES
-        }
-        truth = {**compliances, **others}
-        felt = {
-            name: value * (1.0 + self.gain) if name.startswith("C_") else value
-            for name, value in truth.items()
-        }
-        made = EACH.simulate(
-            PLAN, seed=int(rng.integers(2**31)), parameters=felt, hyper_um=HYPER_UM
+        parameters = dict(compliances)
+        for name, sd in PRIOR_SD.items():
+            if name not in COMPLIANCES:
+                parameters[name] = sd * rng.standard_normal()
+        # A force that is off by the gain looks like compliances that are.
+        for name in parameters:
+            if name.startswith("C_"):
+                parameters[name] *= 1.0 + self.gain
+        campaign = MODEL_OF_CAMPAIGN.simulate(
+            PLAN, seed=int(rng.integers(2**31)), parameters=parameters, hyper_um=HYPER_UM
         ).campaign
-        tests = [
-            test.with_reading_um(
-                np.asarray(test.reading_um)
-                + self.mount_um_per_bar * float(test.pressure_bar or 0.0)
-            )
-            for test in made.tests
-        ]
-        return replace(made, tests=tuple(tests))
+        tests = []
+        for test in campaign.tests:
+            reading_um = np.asarray(test.reading_um) + self.mount_um(test)
+            tests.append(test.with_reading_um(reading_um))
+        return replace(campaign, tests=tuple(tests))
+
+    def mount_um(self, test: lb.CircularTest) -> float:
+        """How far the mount deflects [µm]."""
+        return self.mount_um_per_bar * float(test.pressure_bar or 0.0)
 
 
 class Machine:
@@ -120,13 +124,10 @@ class Machine:
     def __init__(self, rng: np.random.Generator) -> None:
         self.level = usual(rng)
         span_N = max(FORCES_N) - min(FORCES_N)
-        self.slope = {
-            f"{name}_1": 0.3
-            * max(abs(value), 0.05 * PRIOR_SD[name])
-            / span_N
-            * rng.standard_normal()
-            for name, value in self.level.items()
-        }
+        self.slope = {}
+        for name, value in self.level.items():
+            size = max(abs(value), 0.05 * PRIOR_SD[name])
+            self.slope[f"{name}_1"] = 0.3 * size / span_N * rng.standard_normal()
         self.loads = {name: 0.4 * rng.standard_normal(3) for name in ("C_XXX", "C_YYY")}
         self.travel = {
             name: np.array([0.07, 0.04]) * rng.standard_normal(2) for name in ("C_XXX", "C_YYY")
@@ -140,9 +141,9 @@ class Machine:
         total = np.zeros(len(angle_rad))
         for name, u in {"C_XXX": np.cos(angle_rad), "C_YYY": np.sin(angle_rad)}.items():
             rolling, contact, seat = self.loads[name]
-            own_N = np.maximum(force_N * np.abs(u), 1e-9)
-            change = rolling * (own_N - reference_N) / max(FORCES_N)
-            change += contact * (np.cbrt(reference_N / own_N) - 1.0)
+            load_N = np.maximum(force_N * np.abs(u), 1e-9)
+            change = rolling * (load_N - reference_N) / max(FORCES_N)
+            change += contact * (np.cbrt(reference_N / load_N) - 1.0)
             change += seat * (np.cbrt(reference_N / force_N) - 1.0)
             linear, quadratic = self.travel[name]
             change += linear * u + quadratic * (u**2 - 0.5)
@@ -153,28 +154,24 @@ class Machine:
         self, bar: Bar, compliances: Mapping[str, float], rng: np.random.Generator
     ) -> lb.Campaign:
         """The circles of a month; geometric errors are drawn from their priors."""
-        geometric = {
-            name: sd * rng.standard_normal()
-            for name, sd in PRIOR_SD.items()
-            if name.startswith("E_")
-        }
-        truth = {**compliances, **self.slope}
-        felt = {name: value * (1.0 + bar.gain) for name, value in truth.items()} | geometric
-        made = EACH_MONTH.simulate(
+        elastic = {**compliances, **self.slope}
+        # A force that is off by the gain looks like compliances that are.
+        parameters = {name: value * (1.0 + bar.gain) for name, value in elastic.items()}
+        for name, sd in PRIOR_SD.items():
+            if name.startswith("E_"):
+                parameters[name] = sd * rng.standard_normal()
+        campaign = MODEL_OF_MONTH.simulate(
             MONTHLY_PLAN,
             seed=int(rng.integers(2**31)),
-            parameters=felt,
+            parameters=parameters,
             hyper_um=HYPER_UM | {"tau": 0.6},
         ).campaign
-        tests = [
-            test.with_reading_um(
-                np.asarray(test.reading_um)
-                + bar.mount_um_per_bar * float(test.pressure_bar or 0.0)
-                + self.yields_um(float(test.force_N or 0.0), np.deg2rad(test.angle_deg))
-            )
-            for test in made.tests
-        ]
-        return replace(made, tests=tuple(tests))
+        tests = []
+        for test in campaign.tests:
+            yields_um = self.yields_um(float(test.force_N or 0.0), np.deg2rad(test.angle_deg))
+            reading_um = np.asarray(test.reading_um) + bar.mount_um(test) + yields_um
+            tests.append(test.with_reading_um(reading_um))
+        return replace(campaign, tests=tuple(tests))
 
 
 def row_of(campaign: lb.Campaign, model: lb.HybridModel = MODEL) -> dict[str, Any]:
@@ -206,14 +203,13 @@ def row_of(campaign: lb.Campaign, model: lb.HybridModel = MODEL) -> dict[str, An
 
 def usual(rng: np.random.Generator) -> dict[str, float]:
     """A kind of machine: direct compliances as machines have them, the others from their priors."""
-    return {
-        name: (
-            USUAL[name] * rng.uniform(0.7, 1.3)
-            if name in USUAL
-            else PRIOR_SD[name] * rng.standard_normal()
-        )
-        for name in COMPLIANCES
-    }
+    compliances = {}
+    for name in COMPLIANCES:
+        if name in USUAL:
+            compliances[name] = USUAL[name] * rng.uniform(0.7, 1.3)
+        else:
+            compliances[name] = PRIOR_SD[name] * rng.standard_normal()
+    return compliances
 
 
 def fleet(seed: int) -> tuple[pd.DataFrame, dict[str, Any]]:
@@ -224,17 +220,17 @@ def fleet(seed: int) -> tuple[pd.DataFrame, dict[str, Any]]:
     spread = {
         name: SPREAD_SCALE * PRIOR_SD[name] * abs(rng.standard_normal()) for name in COMPLIANCES
     }
-    machines = {
-        f"M{m:02d}": {
+    machines = {}
+    for m in range(MACHINES):
+        machines[f"M{m:02d}"] = {
             name: mean[name] + spread[name] * rng.standard_normal() for name in COMPLIANCES
         }
-        for m in range(MACHINES)
-    }
-    rows = [
-        row_of(replace(bar.measured(own, rng), name=f"{machine}-{k}", machine_id=machine))
-        for machine, own in machines.items()
-        for k in range(CAMPAIGNS)
-    ]
+    rows = []
+    for machine, compliances in machines.items():
+        for k in range(CAMPAIGNS):
+            campaign = bar.measured(compliances, rng)
+            campaign = replace(campaign, name=f"{machine}-{k}", machine_id=machine)
+            rows.append(row_of(campaign))
     return pd.DataFrame(rows), {"mean": mean, "spread": spread, "machines": machines}
 
 
@@ -246,25 +242,25 @@ class Months(NamedTuple):
 
 
 def months(
-    seed: int, *, before: int, after: int, change: float, parameter: str = "C_XXX"
+    seed: int, *, months_before: int, months_after: int, change: float, parameter: str = "C_XXX"
 ) -> Months:
-    """A campaign a month; after ``before`` of them one compliance changes by the share
+    """A campaign a month; after ``months_before`` of them one compliance changes by the share
     ``change``."""
     rng = np.random.default_rng([12, seed])
     bar = Bar(rng)
     machine = Machine(rng)
     level = dict(machine.level)
     rows = []
-    for month in range(before + after):
-        if month == before:
+    for month in range(months_before + months_after):
+        if month == months_before:
             level[parameter] += change * machine.level[parameter]
-        own = {
+        compliances = {
             name: value + REPEATABILITY * PRIOR_SD[name] * rng.standard_normal()
             for name, value in level.items()
         }
         date = f"{2024 + month // 12}-{month % 12 + 1:02d}-05"
         campaign = replace(
-            machine.measured(bar, own, rng),
+            machine.measured(bar, compliances, rng),
             name=f"month {month + 1:02d}",
             machine_id="VMC 07",
             date=date,

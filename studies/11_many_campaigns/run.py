@@ -33,77 +33,80 @@ from machines import (
 from study import Effort, Study, replicated, run
 
 FLEETS = 200
+# Machines followed over the months: with a joint that loosens, and without.
 SERIES = 60
 QUIET = 40
+# Campaigns of a machine before a joint loosens, and after; the change as a share of the compliance.
 BEFORE = 6
 AFTER = 12
 CHANGE = 0.2
 PARAMETER = "C_XXX"
 AGAIN: dict[Effort, int] = {"quick": 2, "usual": 10}
-SHOWN = 7
+# Of the machine in the control chart.
+SEED_OF_CHART = 7
 
 
 def pooled(seed: int) -> dict[str, float]:
     """A fleet: which true means, spreads and machines lie in their 95 % intervals, and their errors
     in units of u."""
     rows, truth = fleet(seed)
-    found = lb.fleet.fit_population(rows)
+    posterior = lb.fleet.fit_population(rows)
     row: dict[str, float] = {
-        "pareto k": found.pareto_k,
-        "not belonging": sum(own.flag for own in found.machine.values()),
+        "pareto k": posterior.pareto_k,
+        "not belonging": sum(machine.flag for machine in posterior.machine.values()),
     }
-    for name, own in found.parameters.items():
-        row[f"mean {name}"] = (own.mean.mean - truth["mean"][name]) / own.mean.sd
-        row[f"spread {name}"] = (
-            own.spread.interval[0] <= truth["spread"][name] <= own.spread.interval[1]
-        )
-        row[f"mean inside {name}"] = (
-            own.mean.interval[0] <= truth["mean"][name] <= own.mean.interval[1]
-        )
-        machines = [
-            (
-                one.estimate[name].interval[0]
-                <= truth["machines"][machine][name]
-                <= one.estimate[name].interval[1]
-            )
-            for machine, one in found.machine.items()
-        ]
-        row[f"machines inside {name}"] = float(np.mean(machines))
-        alone = [
-            (one.alone[name].mean - truth["machines"][machine][name]) ** 2
-            for machine, one in found.machine.items()
-        ]
-        shrunk = [
-            (one.estimate[name].mean - truth["machines"][machine][name]) ** 2
-            for machine, one in found.machine.items()
-        ]
-        row[f"error {name}"] = float(np.sqrt(np.mean(shrunk) / np.mean(alone)))
+    for name, parameter in posterior.parameters.items():
+        true_mean = truth["mean"][name]
+        row[f"mean {name}"] = (parameter.mean.mean - true_mean) / parameter.mean.sd
+        row[f"spread {name}"] = covers(parameter.spread.interval, truth["spread"][name])
+        row[f"mean inside {name}"] = covers(parameter.mean.interval, true_mean)
+        is_covered = []
+        squares_in_population = []
+        squares_without_others = []
+        for machine_id, machine in posterior.machine.items():
+            true = truth["machines"][machine_id][name]
+            is_covered.append(covers(machine.estimate[name].interval, true))
+            squares_in_population.append((machine.estimate[name].mean - true) ** 2)
+            squares_without_others.append((machine.alone[name].mean - true) ** 2)
+        row[f"machines inside {name}"] = float(np.mean(is_covered))
+        ratio = np.mean(squares_in_population) / np.mean(squares_without_others)
+        row[f"error {name}"] = float(np.sqrt(ratio))
     return row
 
 
+def covers(interval: tuple[float, float], truth: float) -> bool:
+    """Whether the interval holds the truth."""
+    low, high = interval
+    return bool(low <= truth <= high)
+
+
 def watched(seed: int, change: float) -> dict[str, float]:
-    """A machine month by month: after how many campaigns the change was found, false alarms, and
-    which of its compliances lie in the 95 % intervals of the last month."""
-    rows, level = months(seed, before=BEFORE, after=AFTER, change=change, parameter=PARAMETER)
-    found = 0
-    alarm = float(lb.fleet.find_trend(rows[:BEFORE]).changed)
-    right = 0.0
-    for n in range(BEFORE + 1, BEFORE + AFTER + 1):
-        now = lb.fleet.find_trend(rows[:n])
-        if now.changed:
-            found = n - BEFORE
-            right = float(now.most_probable == PARAMETER)
+    """A machine month by month: after how many campaigns the change was found (0: never), false
+    alarms, and which of its compliances lie in the 95 % intervals of the last month."""
+    rows, level = months(
+        seed, months_before=BEFORE, months_after=AFTER, change=change, parameter=PARAMETER
+    )
+    row = {
+        "found": 0.0,
+        "alarm before": float(lb.fleet.find_trend(rows[:BEFORE]).changed),
+        "right": 0.0,
+    }
+    for campaigns_after in range(1, AFTER + 1):
+        trend = lb.fleet.find_trend(rows[: BEFORE + campaigns_after])
+        if trend.changed:
+            row["found"] = float(campaigns_after)
+            row["right"] = float(trend.most_probable == PARAMETER)
             break
-    row = {"found": float(found), "alarm before": alarm, "right": right}
-    for name, own in lb.fleet.find_trend(rows).parameters.items():
-        low, high = own.level_now.interval
-        row[f"level inside {name}"] = float(low <= level[name] <= high)
+    for name, parameter in lb.fleet.find_trend(rows).parameters.items():
+        row[f"level inside {name}"] = float(covers(parameter.level_now.interval, level[name]))
     return row
 
 
 def job(kind: str, seed: int) -> dict[str, float]:
-    """One row."""
-    return pooled(seed) if kind == "fleet" else watched(seed, CHANGE if kind == "loosened" else 0.0)
+    """One row: a fleet, or a machine whose joint loosens or does not."""
+    if kind == "fleet":
+        return pooled(seed)
+    return watched(seed, CHANGE if kind == "loosened" else 0.0)
 
 
 def measure(effort: Effort) -> dict[str, Any]:
@@ -140,47 +143,55 @@ def setting() -> dict[str, Any]:
 def population(rows: pd.DataFrame) -> dict[str, Any]:
     """Coverage with its standard error: fleets are independent, parameters and machines of one are
     not."""
-    found: dict[str, Any] = {"pareto_k_most": float(rows["pareto k"].max())}
-    for what in ("mean inside", "spread", "machines inside"):
-        own = rows.filter(regex=f"^{what} C_")
-        each = own.mean(axis=1)
-        found[what.split()[0]] = {
-            "coverage": float(each.mean()),
-            "error": float(each.std(ddof=1) / np.sqrt(len(each))),
-            "by_parameter": {
-                str(name).rsplit(" ", 1)[1]: float(value) for name, value in own.mean().items()
-            },
+    numbers: dict[str, Any] = {"pareto_k_most": float(rows["pareto k"].max())}
+    for quantity in ("mean inside", "spread", "machines inside"):
+        by_parameter = rows.filter(regex=f"^{quantity} C_")
+        of_fleets = by_parameter.mean(axis=1)
+        numbers[quantity.split()[0]] = {
+            "coverage": float(of_fleets.mean()),
+            "error": standard_error(of_fleets),
+            "by_parameter": means_by_parameter(by_parameter),
         }
-    errors = rows.filter(regex="^error C_").mean()
-    found["error_ratio"] = {
-        str(name).rsplit(" ", 1)[1]: float(value) for name, value in errors.items()
-    }
-    found["flagged_share"] = float(rows["not belonging"].gt(0).mean())
-    found["flagged_error"] = counting_error(int(rows["not belonging"].gt(0).sum()), len(rows))
-    return found
+    numbers["error_ratio"] = means_by_parameter(rows.filter(regex="^error C_"))
+    is_flagged = rows["not belonging"].gt(0)
+    numbers["flagged_share"] = float(is_flagged.mean())
+    numbers["flagged_error"] = counting_error(int(is_flagged.sum()), len(rows))
+    return numbers
 
 
-def counting_error(found: int, of: int) -> float:
+def standard_error(values: pd.Series) -> float:
+    """Standard error of the mean."""
+    return float(values.std(ddof=1) / np.sqrt(len(values)))
+
+
+def means_by_parameter(columns: pd.DataFrame) -> dict[str, float]:
+    """Means of columns whose names end with a parameter's."""
+    return {str(name).rsplit(" ", 1)[1]: float(mean) for name, mean in columns.mean().items()}
+
+
+def counting_error(hits: int, count: int) -> float:
     """Standard deviation of a share after counting, from a uniform prior: not 0 where all or none
-    were found."""
-    return float(np.sqrt((found + 1.0) * (of - found + 1.0) / ((of + 2.0) ** 2 * (of + 3.0))))
+    were hits."""
+    misses = count - hits
+    return float(np.sqrt((hits + 1.0) * (misses + 1.0) / ((count + 2.0) ** 2 * (count + 3.0))))
 
 
 def found_when(rows: pd.DataFrame) -> dict[str, Any]:
-    """How many were found and how soon, and how often there was an alarm without reason."""
-    loosened, quiet = (rows[rows["kind"] == kind] for kind in ("loosened", "quiet"))
-    seen = loosened.loc[loosened["found"] > 0, "found"]
-    inside = pd.concat([loosened, quiet]).filter(regex="^level inside C_")
-    of_machines = inside.mean(axis=1)
+    """How many changes were found and how soon, and how often there was an alarm without reason."""
+    loosened = rows[rows["kind"] == "loosened"]
+    quiet = rows[rows["kind"] == "quiet"]
+    campaigns_until_found = loosened.loc[loosened["found"] > 0, "found"]
+    is_inside = pd.concat([loosened, quiet]).filter(regex="^level inside C_")
+    of_machines = is_inside.mean(axis=1)
     return {
         "level_inside": {
             "coverage": float(of_machines.mean()),
-            "error": float(of_machines.std(ddof=1) / np.sqrt(len(of_machines))),
+            "error": standard_error(of_machines),
         },
         "alarm_before": int(loosened["alarm before"].sum()),
-        "median_found": float(seen.median()),
-        "latest_found": int(seen.max()),
-        "found_at_all": len(seen),
+        "median_found": float(campaigns_until_found.median()),
+        "latest_found": int(campaigns_until_found.max()),
+        "found_at_all": len(campaigns_until_found),
         "right_parameter": int(loosened["right"].sum()),
         "false_alarms": int((quiet["found"] > 0).sum() + quiet["alarm before"].sum()),
     }
@@ -188,9 +199,11 @@ def found_when(rows: pd.DataFrame) -> dict[str, Any]:
 
 def draw(results: dict[str, Any]) -> Mapping[str, Figure]:
     """The control chart of one loosened machine, and coverage by parameter."""
-    shown = months(SHOWN, before=BEFORE, after=5, change=CHANGE, parameter=PARAMETER)
+    series = months(
+        SEED_OF_CHART, months_before=BEFORE, months_after=5, change=CHANGE, parameter=PARAMETER
+    )
     return {
-        "control_chart": lb.fleet.draw_control_chart(lb.fleet.find_trend(shown.rows)),
+        "control_chart": lb.fleet.draw_control_chart(lb.fleet.find_trend(series.rows)),
         "coverage": coverage(results["population"]),
     }
 
@@ -203,14 +216,12 @@ def coverage(population: dict[str, Any]) -> Figure:
     axes = figure.add_subplot()
     names = list(population["mean"]["by_parameter"])
     places = np.arange(len(names))
-    for k, (what, label) in enumerate(
-        (("mean", "mean of the population"), ("spread", "spread"), ("machines", "machines"))
-    ):
-        own = population[what]["by_parameter"]
-        heights = [100.0 * own[name] for name in names]
-        axes.plot(
-            places + 0.2 * (k - 1), heights, "os^"[k], color=lb.figures.PALETTE[k], label=label
-        )
+    labels = {"mean": "mean of the population", "spread": "spread", "machines": "machines"}
+    for k, (quantity, label) in enumerate(labels.items()):
+        shares = population[quantity]["by_parameter"]
+        percent = [100.0 * shares[name] for name in names]
+        colour = lb.figures.PALETTE[k]
+        axes.plot(places + 0.2 * (k - 1), percent, "os^"[k], color=colour, label=label)
     band = 100.0 * np.sqrt(0.95 * 0.05 / FLEETS)
     axes.axhspan(
         95.0 - 2.0 * band,
