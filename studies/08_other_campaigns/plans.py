@@ -41,28 +41,23 @@ def mostly_clockwise() -> lb.Plan:
 
 def three_planes() -> lb.Plan:
     """XY, YZ and ZX, each with a set-up of its own."""
-    tests = [
-        test
-        for k, plane in enumerate(("XY", "YZ", "ZX"))
-        for test in circles(plane=plane, setup=k + 1)
-    ]
+    tests: list[lb.CircularTest] = []
+    for k, plane in enumerate(("XY", "YZ", "ZX")):
+        tests += circles(plane=plane, setup=k + 1)
     return lb.Plan(tuple(tests), name="three planes")
 
 
 def everything() -> tuple[lb.HybridModel, lb.Plan]:
     """Two radii in both directions, in a random order that takes 100 minutes; the model has a drift
     over time."""
-    tests = [
-        test
-        for radius in (150.0, 100.0)
-        for way in ("CW", "CCW")
-        for test in circles(radius_mm=radius, direction=way)
-    ]
+    tests: list[lb.CircularTest] = []
+    for radius_mm in (150.0, 100.0):
+        for direction in ("CW", "CCW"):
+            tests += circles(radius_mm=radius_mm, direction=direction)
     order = np.random.default_rng(8).permutation(len(tests))
     timed = tuple(
         replace(test, time_s=FIVE_MINUTES_S * float(place))
         for test, place in zip(tests, order, strict=True)
     )
-    return MODEL.with_term(lb.terms.Drift("time")), lb.Plan(
-        timed, name="radii, directions and drift"
-    )
+    model = MODEL.with_term(lb.terms.Drift("time"))
+    return model, lb.Plan(timed, name="radii, directions and drift")

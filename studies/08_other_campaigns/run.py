@@ -59,22 +59,24 @@ RANKS_AGAIN: dict[Effort, int] = {"quick": 10, "usual": 40, "write": CALIBRATED}
 def predicted() -> dict[str, Any]:
     """Verdict and expected sd of every parameter (no slopes) at the hyper-parameters' prior
     median."""
-    found = {}
-    cases = [
-        (MODEL, plan) for plan in (one_radius(), two_radii(), both_directions(), three_planes())
-    ]
-    for model, plan in (*cases, everything()):
-        result = lb.identify(model, plan)
-        found[plan.name] = {
-            name: {
+    plans = (one_radius(), two_radii(), both_directions(), three_planes())
+    by_plan = {plan.name: verdicts(MODEL, plan) for plan in plans}
+    drifting, timed_plan = everything()
+    by_plan[timed_plan.name] = verdicts(drifting, timed_plan)
+    return by_plan
+
+
+def verdicts(model: lb.HybridModel, plan: lb.Plan) -> dict[str, Any]:
+    """Verdict, expected sd and confounding with the balls' form of every parameter but slopes."""
+    by_name = {}
+    for name, entry in lb.identify(model, plan).parameters.items():
+        if not name.endswith("_1"):
+            by_name[name] = {
                 "verdict": entry.verdict,
                 "sd": entry.sd,
                 "ball_form": entry.confounding["BallForm"],
             }
-            for name, entry in result.parameters.items()
-            if not name.endswith("_1")
-        }
-    return found
+    return by_name
 
 
 def calibration(effort: Effort) -> dict[str, Any]:
@@ -93,12 +95,10 @@ def calibration(effort: Effort) -> dict[str, Any]:
         )
     if result.failures:
         sys.exit(f"08_other_campaigns: {result.failures[0]}")
-    made = pd.DataFrame(result.ranks.astype(float), columns=list(result.names)).assign(
-        kind="everything"
-    )
+    ranks_again = pd.DataFrame(result.ranks.astype(float), columns=list(result.names))
     rows = kept(
         HERE / "ranks.csv",
-        made.assign(seed=range(len(made))),
+        ranks_again.assign(kind="everything", seed=range(len(ranks_again))),
         {"everything": CALIBRATED},
         effort,
         tolerance=ONE_RANK,
@@ -160,26 +160,19 @@ def chance_of_lowest(coverage: Mapping[str, float]) -> float:
 
 
 @lb.figures.styled
-def two_radii_figure(found: dict[str, Any]) -> Figure:
+def two_radii_figure(verdicts_by_plan: dict[str, Any]) -> Figure:
     """Expected sd of every parameter with a second radius, relative to one radius."""
-    one = found["one radius"]
-    two = found["two radii"]
-    names = list(one)
-    ratio = [two[name]["sd"] / one[name]["sd"] for name in names]
+    one = verdicts_by_plan["one radius"]
+    two = verdicts_by_plan["two radii"]
     figure = lb.figures.new_figure(7.2, 3.4)
     axes = figure.subplots()
-    colours = [
-        lb.figures.PALETTE[0] if two[name]["verdict"] == "identified" else "#B0B0B0"
-        for name in names
-    ]
-    axes.bar(range(len(names)), ratio, color=colours)
+    for k, name in enumerate(one):
+        is_identified = two[name]["verdict"] == "identified"
+        colour = lb.figures.PALETTE[0] if is_identified else "#B0B0B0"
+        axes.bar(k, two[name]["sd"] / one[name]["sd"], color=colour)
     axes.axhline(1.0, color="black", linewidth=0.8, linestyle="--")
-    axes.set_xticks(
-        range(len(names)),
-        [name.replace("C0YX", "C(0Y)X") for name in names],
-        rotation=45,
-        ha="right",
-    )
+    labels = [name.replace("C0YX", "C(0Y)X") for name in one]
+    axes.set_xticks(range(len(labels)), labels, rotation=45, ha="right")
     axes.set_ylabel("expected sd, two radii / one radius (1)")
     axes.set_title(
         "Ten circles of 150 mm against five of 150 and five of 100 mm (blue: identified)",
@@ -188,9 +181,14 @@ def two_radii_figure(found: dict[str, Any]) -> Figure:
     return figure
 
 
+def draw(results: dict[str, Any]) -> dict[str, Figure]:
+    """Figures of the page."""
+    return {"two_radii": two_radii_figure(results["predicted"])}
+
+
 def main() -> None:
     """Measure and compare with what is stated; ``--write`` states anew."""
-    run(Study(HERE, measure, lambda results: {"two_radii": two_radii_figure(results["predicted"])}))
+    run(Study(HERE, measure, draw))
 
 
 if __name__ == "__main__":

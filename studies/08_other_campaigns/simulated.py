@@ -39,39 +39,51 @@ def analysed_by_default(kind: str, seed: int) -> Mapping[str, float]:
 def said_by(model: lb.HybridModel, kind: str, seed: int) -> Mapping[str, float]:
     """Of every parameter the posterior probability below the truth; of those shown u and error
     (mean − truth) as well."""
-    made = MODEL.simulate((PLANS | CLOCKWISE)[kind](), seed=FIRST_SEED + seed)
-    campaign = made.campaign
+    plan = (PLANS | CLOCKWISE)[kind]()
+    simulation = MODEL.simulate(plan, seed=FIRST_SEED + seed)
+    campaign = simulation.campaign
     if kind in CLOCKWISE:
-        campaign = campaign.select([test.name for test in campaign.tests if test.direction == "CW"])
+        clockwise = [test.name for test in campaign.tests if test.direction == "CW"]
+        campaign = campaign.select(clockwise)
     draws = lb.sample(model, campaign, sampler="independent", seed=seed)["posterior"]
     row = {}
-    for name, truth in made.parameters.items():
+    for name, truth in simulation.parameters.items():
         values = draws[name].to_numpy().ravel()
         row[f"{name} below"] = np.mean(values < truth)
         if name in SHOWN:
-            row |= {f"{name} u": values.std(), f"{name} error": values.mean() - truth}
+            row[f"{name} u"] = values.std()
+            row[f"{name} error"] = values.mean() - truth
     return row
 
 
 def summary(rows: pd.DataFrame) -> dict[str, Any]:
     """Coverage of every parameter; root mean squares of u and error of those shown."""
-    found: dict[str, Any] = {}
-    for kind, own in rows.groupby("kind"):
-        own = own.dropna(axis="columns")
-        below = own.filter(regex=" below$").rename(columns=lambda name: name.removesuffix(" below"))
-        inside = ((below - 0.5).abs() < 0.5 * LEVEL).mean()
-        shown = [name for name in SHOWN if f"{name} u" in own]
-        found[str(kind)] = {
-            "campaigns": len(own),
-            "parameters": len(inside),
-            "coverage": {str(name): float(value) for name, value in inside.items()},
-            "shown": {
-                name: {
-                    "u": float(np.sqrt((own[f"{name} u"] ** 2).mean())),
-                    "error": float(np.sqrt((own[f"{name} error"] ** 2).mean())),
-                    "coverage": float(inside[name]),
-                }
-                for name in shown
-            },
-        }
-    return found
+    return {str(kind): of_kind(group) for kind, group in rows.groupby("kind")}
+
+
+def of_kind(rows: pd.DataFrame) -> dict[str, Any]:
+    """The same of one kind of campaigns; columns without numbers are of parameters it lacks."""
+    rows = rows.dropna(axis="columns")
+    coverage = {}
+    for column in rows.filter(regex=" below$"):
+        is_inside = (rows[column] - 0.5).abs() < 0.5 * LEVEL
+        coverage[column.removesuffix(" below")] = float(is_inside.mean())
+    errors = {}
+    for name in SHOWN:
+        if f"{name} u" in rows:
+            errors[name] = {
+                "u": root_mean_square(rows[f"{name} u"]),
+                "error": root_mean_square(rows[f"{name} error"]),
+                "coverage": coverage[name],
+            }
+    return {
+        "campaigns": len(rows),
+        "parameters": len(coverage),
+        "coverage": coverage,
+        "shown": errors,
+    }
+
+
+def root_mean_square(values: pd.Series) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt((values**2).mean()))
