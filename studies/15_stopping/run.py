@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -55,16 +56,7 @@ def job(kind: str, seed: int) -> Row:
     family = PLANS[kind]
     rng = np.random.default_rng([FIRST_SEED, seed])
     pilot, _ = simulate(family, FIRST_SEED + seed, BLOCKS_N[0])
-    template = pilot.tests[0]
-    tests = []
-    for block in BLOCKS_N:
-        circles = [(force, direction) for force in block for direction in DIRECTIONS]
-        for j in rng.permutation(len(circles)):
-            force, direction = circles[j]
-            name = f"circle_{len(tests) + 1:02d}"
-            test = replace(template, force_N=force, direction=direction, name=name, time_s=None)
-            tests.append(test)
-    plan = replace(pilot, tests=tuple(tests)).plan()
+    plan = plan_in_blocks(pilot, rng)
     campaign, machine = simulate(family, FIRST_SEED + seed, plan=plan)
     ratio = float(np.exp(rng.uniform(*np.log(LIMIT_RATIO))))
     limit = ratio * machine.truth["C_XXX"]
@@ -73,6 +65,20 @@ def job(kind: str, seed: int) -> Row:
         first = replace(campaign, tests=campaign.tests[:count])
         row[f"after {count}"] = probability_below(first, limit, seed)
     return row
+
+
+def plan_in_blocks(pilot: lb.Campaign, rng: np.random.Generator) -> lb.Plan:
+    """The circles of all blocks, measured as those of the pilot campaign."""
+    template = pilot.tests[0]
+    tests: list[lb.CircularTest] = []
+    for forces_N in BLOCKS_N:
+        circles = list(product(forces_N, DIRECTIONS))
+        for j in rng.permutation(len(circles)):
+            force_N, direction = circles[j]
+            name = f"circle_{len(tests) + 1:02d}"
+            test = replace(template, force_N=force_N, direction=direction, name=name, time_s=None)
+            tests.append(test)
+    return replace(pilot, tests=tuple(tests)).plan()
 
 
 def probability_below(campaign: lb.Campaign, limit: float, seed: int) -> float:
@@ -87,18 +93,20 @@ def outcomes(rows: pd.DataFrame) -> dict[str, Any]:
     """What fixed numbers of circles decide, what stopping does, and the fixed number that decides
     as much."""
     keeps_limit = rows["limit over truth"].to_numpy() >= 1.0
-    after = rows[[f"after {count}" for count in COUNTS]].to_numpy()
-    yes = after >= SURE
-    no = after <= 1.0 - SURE
-    decided = yes | no
-    wrong = np.where(keeps_limit[:, None], no, yes)
+    probability = rows[[f"after {count}" for count in COUNTS]].to_numpy()
+    accepted = probability >= SURE
+    rejected = probability <= 1.0 - SURE
+    decided = accepted | rejected
+    wrong = np.where(keeps_limit[:, None], rejected, accepted)
     fixed = {}
     for k, count in enumerate(COUNTS):
         fixed[str(count)] = {
             "decided": float(decided[:, k].mean()),
             "wrong": float(wrong[:, k].mean()),
         }
-    stop = np.where(decided.any(axis=1), decided.argmax(axis=1), len(COUNTS) - 1)
+    # Index of the number of circles after which one stops, the largest where nothing is decided.
+    last = len(COUNTS) - 1
+    stop = np.where(decided.any(axis=1), decided.argmax(axis=1), last)
     machines = np.arange(len(rows))
     stopped = {
         "circles": float(np.mean(np.array(COUNTS)[stop])),
@@ -115,21 +123,21 @@ def saved(decided: Array, stop: Array) -> list[dict[str, float | int | None]]:
     """For every largest number of circles: mean circles where one stops, beside the smallest fixed
     number that decides at least as many machines; None if no number does."""
     counts = np.array(COUNTS)
-    found: list[dict[str, float | int | None]] = []
+    rows: list[dict[str, float | int | None]] = []
     for last in range(1, len(counts)):
         circles = counts[np.minimum(stop, last)].mean()
         share = decided[:, : last + 1].any(axis=1).mean()
         as_many = np.flatnonzero(decided.mean(axis=0) >= share)
-        fixed = int(counts[as_many[0]]) if len(as_many) else None
-        found.append(
-            {
-                "most": int(counts[last]),
-                "circles": float(circles),
-                "decided": float(share),
-                "fixed": fixed,
-            }
-        )
-    return found
+        row = {
+            "most": int(counts[last]),
+            "circles": float(circles),
+            "decided": float(share),
+            "fixed": None,
+        }
+        if len(as_many):
+            row["fixed"] = int(counts[as_many[0]])
+        rows.append(row)
+    return rows
 
 
 def measure(effort: Effort) -> dict[str, Any]:
@@ -137,6 +145,10 @@ def measure(effort: Effort) -> dict[str, Any]:
     rows = replicated(
         HERE / "machines.csv", job, dict.fromkeys(KINDS, MACHINES), effort, again=AGAIN
     )
+    families = {}
+    for kind in KINDS:
+        of_kind = rows[rows["kind"] == kind]
+        families[kind] = outcomes(of_kind)
     return {
         "machines": MACHINES,
         "blocks_N": [list(block) for block in BLOCKS_N],
@@ -145,7 +157,7 @@ def measure(effort: Effort) -> dict[str, Any]:
         "limit_ratio": list(LIMIT_RATIO),
         "sure": SURE,
         "pooled": outcomes(rows),
-        "families": {kind: outcomes(rows[rows["kind"] == kind]) for kind in KINDS},
+        "families": families,
         "must": LEAST_SAVED,
         "se": float(np.sqrt(0.25 / len(rows))),
     }
