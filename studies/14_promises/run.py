@@ -126,13 +126,13 @@ def plan_and_readings_of_drawn(seed: int) -> tuple[lb.Campaign, lb.Campaign]:
     like_others, _ = machines.simulate(machines.PLANS[MILD], FIRST_SEED, PILOT_FORCES_N)
     pilot = MODEL.simulate(like_others.plan(), seed=FIRST_SEED + seed)
     plan = same_plan(pilot.campaign, seed)
-    scales = {
+    scales_um = {
         name: value for name, value in pilot.hyper_um.items() if not name.startswith("lambda")
     }
-    again = MODEL.simulate(
-        plan, seed=2 * FIRST_SEED + seed, parameters=pilot.parameters, hyper_um=scales
+    planned = MODEL.simulate(
+        plan, seed=2 * FIRST_SEED + seed, parameters=pilot.parameters, hyper_um=scales_um
     )
-    return plan, again.campaign
+    return plan, planned.campaign
 
 
 def same_plan(pilot: lb.Campaign, seed: int) -> lb.Campaign:
@@ -180,8 +180,9 @@ def stated_averaged_u(campaign: lb.Campaign) -> dict[str, float]:
         estimates = present_estimates(nodes)
         means[k, columns] = estimates.mean
         variances[k, columns] = estimates.sd**2
-    between = (means - probability @ means) ** 2
-    return dict(zip(names, np.sqrt(probability @ (variances + between)).tolist(), strict=True))
+    between_models = (means - probability @ means) ** 2
+    averaged_u = np.sqrt(probability @ (variances + between_models))
+    return dict(zip(names, averaged_u.tolist(), strict=True))
 
 
 def searched_job(kind: str, seed: int) -> Row:
@@ -197,33 +198,45 @@ def searched_job(kind: str, seed: int) -> Row:
     for name, share in SHARES_OF_PILOT.items():
         goals[name] = f"{share * 2.0 * of_pilot[name] * NM_PER_N:.4g} nm/N"
     design = lb.design(MODEL, pilot, goals=goals, probability=PROMISED)
-    row = dict.fromkeys(("found", "circles", "promised", "kept"), 0.0)
-    for name in goals:
-        row |= {f"{name}/promised": 0.0, f"{name}/kept": 0.0}
-    row |= {f"{name}/forecast": 0.0 for name in of_pilot}
+    row = row_of_zeros(list(of_pilot))
     if not design.all_reached:
         return row
     best = design.best
     campaign, _ = machines.simulate(family, FIRST_SEED + seed, PLAN_FORCES_N, best.plan())
     stated = stated_u(campaign)
-    row |= {"found": 1.0, "circles": float(best.circles), "promised": best.probability}
+    row["found"] = 1.0
+    row["circles"] = float(best.circles)
+    row["promised"] = best.probability
+    row["kept"] = 1.0
     for name in goals:
-        limit_u = design.goals[name].limit_U / 2.0
+        is_kept = float(stated[name] <= design.goals[name].limit_U / 2.0)
         row[f"{name}/promised"] = best.goals[name].probability
-        row[f"{name}/kept"] = float(stated[name] <= limit_u)
-    row["kept"] = min(row[f"{name}/kept"] for name in goals)
+        row[f"{name}/kept"] = is_kept
+        row["kept"] = min(row["kept"], is_kept)
     for name, entry in best.expected.items():
         row[f"{name}/forecast"] = entry.sd / stated[name]
+    return row
+
+
+def row_of_zeros(parameters: list[str]) -> Row:
+    """Return the row of a machine on which no campaign reaches the goals."""
+    row = dict.fromkeys(("found", "circles", "promised", "kept"), 0.0)
+    for name in SHARES_OF_PILOT:
+        row[f"{name}/promised"] = 0.0
+        row[f"{name}/kept"] = 0.0
+    for name in parameters:
+        row[f"{name}/forecast"] = 0.0
     return row
 
 
 def of_parameter(rows: pd.DataFrame, name: str) -> dict[str, float]:
     """Return the share of promises kept, and forecast over stated u of one parameter."""
     ratio = rows[f"{name}/forecast"]
+    likely_ratio = rows[f"{name}/likely"]
     low, high = np.quantile(ratio, [0.05, 0.95])
     return {
-        "kept": float((rows[f"{name}/likely"] >= 1.0).mean()),
-        "nearly": float((NEARLY * rows[f"{name}/likely"] >= 1.0).mean()),
+        "kept": float((likely_ratio >= 1.0).mean()),
+        "nearly": float((NEARLY * likely_ratio >= 1.0).mean()),
         "median": float(ratio.median()),
         "low": low,
         "high": high,
@@ -233,56 +246,66 @@ def of_parameter(rows: pd.DataFrame, name: str) -> dict[str, float]:
 def of_rows(rows: pd.DataFrame, names: list[str]) -> dict[str, Any]:
     """Return the numbers of every parameter, and the share of promises kept of all together."""
     parameters = {name: of_parameter(rows, name) for name in names}
-    kept = {name: entry["kept"] for name, entry in parameters.items()}
-    far = [name for name, entry in parameters.items() if abs(entry["median"] - 1.0) > MOST_OFF]
+    share_kept = {name: entry["kept"] for name, entry in parameters.items()}
+    share_nearly_kept = [entry["nearly"] for entry in parameters.values()]
+    medians = {name: entry["median"] for name, entry in parameters.items()}
     return {
         "machines": len(rows),
-        "kept": float(np.mean(list(kept.values()))),
-        "nearly": float(np.mean([entry["nearly"] for entry in parameters.values()])),
+        "kept": float(np.mean(list(share_kept.values()))),
+        "nearly": float(np.mean(share_nearly_kept)),
         "se": float(np.sqrt(PROMISED * (1.0 - PROMISED) / len(rows))),
         "parameters": parameters,
-        "least": min(kept, key=kept.__getitem__),
-        "most": max(kept, key=kept.__getitem__),
-        "far": far,
-        "outside": [name for name in names if not LEAST_KEPT <= kept[name] <= MOST_KEPT],
+        "least": min(share_kept, key=share_kept.__getitem__),
+        "most": max(share_kept, key=share_kept.__getitem__),
+        "far": far_from_one(medians),
+        "outside": [name for name in names if not LEAST_KEPT <= share_kept[name] <= MOST_KEPT],
     }
+
+
+def far_from_one(medians: dict[str, float]) -> list[str]:
+    """Return the parameters whose median of forecast over stated u is too far from one."""
+    return [name for name, median in medians.items() if abs(median - 1.0) > MOST_OFF]
 
 
 def of_searched(rows: pd.DataFrame) -> dict[str, Any]:
     """Return promised and kept shares of campaigns that were searched for three goals."""
-    found = rows[rows["found"] == 1.0]
+    in_reach = rows[rows["found"] == 1.0]
     goals = {}
     for name, share in SHARES_OF_PILOT.items():
         goals[name] = {
             "of_pilot": share,
-            "promised": float(found[f"{name}/promised"].mean()),
-            "kept": float(found[f"{name}/kept"].mean()),
+            "promised": float(in_reach[f"{name}/promised"].mean()),
+            "kept": float(in_reach[f"{name}/kept"].mean()),
         }
-    ending = "/forecast"
     medians = {}
-    for column in found.columns:
-        if column.endswith(ending):
-            medians[column.removesuffix(ending)] = float(found[column].median())
+    for name in parameters_with(in_reach, "/forecast"):
+        medians[name] = float(in_reach[f"{name}/forecast"].median())
     return {
         "machines": len(rows),
         "medians": medians,
-        "far": [name for name, median in medians.items() if abs(median - 1.0) > MOST_OFF],
-        "found": len(found),
-        "circles": {name: float(getattr(found["circles"], name)()) for name in ("min", "max")},
-        "promised": float(found["promised"].mean()),
-        "kept": float(found["kept"].mean()),
+        "far": far_from_one(medians),
+        "found": len(in_reach),
+        "circles": {
+            "min": float(in_reach["circles"].min()),
+            "max": float(in_reach["circles"].max()),
+        },
+        "promised": float(in_reach["promised"].mean()),
+        "kept": float(in_reach["kept"].mean()),
         "goals": goals,
     }
 
 
 def of_averaged(rows: pd.DataFrame) -> dict[str, Any]:
     """Return the numbers of every parameter whose averaged U is forecast."""
-    ending = "/likely"
-    names = [column.removesuffix(ending) for column in rows.columns if column.endswith(ending)]
-    numbers = of_rows(rows, names)
+    numbers = of_rows(rows, parameters_with(rows, "/likely"))
     for name, entry in numbers["parameters"].items():
         entry["linear"] = float(rows[f"{name}/linear"].median())
     return numbers
+
+
+def parameters_with(rows: pd.DataFrame, ending: str) -> list[str]:
+    """Return the parameters of the columns that end so."""
+    return [column.removesuffix(ending) for column in rows.columns if column.endswith(ending)]
 
 
 def measure(effort: Effort) -> dict[str, Any]:
@@ -294,14 +317,12 @@ def measure(effort: Effort) -> dict[str, Any]:
     averaged = replicated(
         HERE / "averaged.csv", averaged_job, AVERAGED_MACHINES, effort, again=AGAIN
     )
-    ending = "/likely"
-    names = [column.removesuffix(ending) for column in rows.columns if column.endswith(ending)]
-    of_family = {}
+    names = parameters_with(rows, "/likely")
     different = rows[rows["kind"] == DIFFERENT]
+    kept_by_family = {}
     for k, family in enumerate(FAMILIES):
-        of_family[family] = of_rows(different[different["seed"] % len(FAMILIES) == k], names)[
-            "kept"
-        ]
+        of_family = different[different["seed"] % len(FAMILIES) == k]
+        kept_by_family[family] = of_rows(of_family, names)["kept"]
     return {
         "circles": {
             "pilot": len(DIRECTIONS) * len(PILOT_FORCES_N),
@@ -310,7 +331,7 @@ def measure(effort: Effort) -> dict[str, Any]:
         "promised": PROMISED,
         "must": {"least": LEAST_KEPT, "most": MOST_KEPT, "off": MOST_OFF, "nearly": NEARLY - 1.0},
         "goals": list(GOALS),
-        "families": {"number": len(FAMILIES), "kept": of_family},
+        "families": {"number": len(FAMILIES), "kept": kept_by_family},
         "scatter": {"least": SCATTER[0], "most": SCATTER[1]},
         "different": of_rows(different, names),
         "mild": of_rows(rows[rows["kind"] == MILD], names),
