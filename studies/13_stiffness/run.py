@@ -78,13 +78,15 @@ FURTHER = (*AXES, *COMPLIANCES, *PATH)
 def job(kind: str, seed: int) -> Row:
     """One campaign by the model whose compliances are linear in force."""
     campaign, machine = simulate(KINDS[kind], FIRST_SEED + seed)
-    return judged_campaign(lb.sample(LINEAR, campaign, sampler="independent", seed=seed), machine)
+    posterior = lb.sample(LINEAR, campaign, sampler="independent", seed=seed)
+    return judged_campaign(posterior, machine)
 
 
 def job_of_average(kind: str, seed: int) -> Row:
     """The same campaign averaged over constant and linear compliance, as sheets are by default."""
     campaign, machine = simulate(KINDS[kind], FIRST_SEED + seed)
-    return judged_campaign(lb.average(MODELS, campaign, seed=seed), machine)
+    posterior = lb.average(MODELS, campaign, seed=seed)
+    return judged_campaign(posterior, machine)
 
 
 def judged_campaign(posterior: xr.DataTree, machine: Machine) -> Row:
@@ -107,17 +109,18 @@ def true_stiffness(machine: Machine, force_N: float) -> dict[str, float]:
     in_the_middle = replace(machine, travel=((0.0, 0.0), (0.0, 0.0)))
     dx, dy = deflection_mm(in_the_middle, force_N, force_N, ANGLE)
     compliance = (dx * np.cos(ANGLE) + dy * np.sin(ANGLE)) / force_N
-    softest = float(np.degrees(ANGLE[compliance.argmax()]))
-    stiffest = float(np.degrees(ANGLE[compliance.argmin()]))
+    softest_deg = float(np.degrees(ANGLE[compliance.argmax()]))
+    stiffest_deg = float(np.degrees(ANGLE[compliance.argmin()]))
     cross = machine.compliance[CROSS] + machine.slope[CROSS] * (force_N - MIDDLE_N)
     difference = machine.secant("C_XXX", force_N) - machine.secant("C_YYY", force_N)
+    principal_axis_deg = float(np.degrees(0.5 * np.arctan2(cross, difference)))
     return {
         "k_min": 1.0 / compliance.max(),
         "k_max": 1.0 / compliance.min(),
         "k_ratio": compliance.max() / compliance.min(),
-        "softest direction": softest,
-        "stiffest direction": stiffest,
-        "principal axis": float(np.degrees(0.5 * np.arctan2(cross, difference))),
+        "softest direction": softest_deg,
+        "stiffest direction": stiffest_deg,
+        "principal axis": principal_axis_deg,
         CROSS: cross,
         DIFFERENCE: difference,
     }
@@ -134,7 +137,9 @@ def judged_stiffness(name: str, entry: dict[str, Any], truth: float) -> Row:
         covered = low - estimate <= -error <= high - estimate
     else:
         error = estimate - truth
-        covered = low <= truth <= (high if entry["is_determined"] else np.inf)
+        if not entry["is_determined"]:
+            high = np.inf
+        covered = low <= truth <= high
     row = judged(name, error, entry["U_k2"], covered=covered)
     return row | {f"{name}/determined": bool(entry["is_determined"])}
 
@@ -198,8 +203,9 @@ def true_path(machine: Machine, force_N: float, added_mm: Array | float = 0.0) -
     """Deviations of the exact path about its least-squares circle [µm]."""
     trace = trace_mm(machine, force_N or NO_FORCE_N, ANGLE) + added_mm
     circle = np.column_stack([np.ones_like(ANGLE), np.cos(ANGLE), np.sin(ANGLE)])
-    rest_um = 1e3 * (trace - circle @ np.linalg.lstsq(circle, trace)[0])
-    return {"G": np.ptp(rest_um), "F_max": rest_um.max(), "F_min": rest_um.min()}
+    coefficients = np.linalg.lstsq(circle, trace)[0]
+    deviation_um = 1e3 * (trace - circle @ coefficients)
+    return {"G": np.ptp(deviation_um), "F_max": deviation_um.max(), "F_min": deviation_um.min()}
 
 
 def names_at(force_N: float) -> list[str]:
@@ -209,7 +215,10 @@ def names_at(force_N: float) -> list[str]:
 
 def names_by_direction() -> list[str]:
     """Columns of all numbers by direction, at every force at which they are stated."""
-    return [name for force_N in STATED_AT_N for name in names_at(force_N)]
+    names = []
+    for force_N in STATED_AT_N:
+        names += names_at(force_N)
+    return names
 
 
 def of_number(rows: pd.DataFrame, name: str) -> dict[str, float]:
@@ -241,8 +250,8 @@ def averaged_campaigns(effort: Effort) -> pd.DataFrame:
     kinds = dict.fromkeys(KINDS, CAMPAIGNS_OF_AVERAGE)
     if effort == "write":
         return replicated(path, job_of_average, kinds, effort, again={})
-    made = [{"kind": kind, "seed": 0, **job_of_average(kind, 0)} for kind in AVERAGED_AGAIN]
-    return kept(path, pd.DataFrame(made), kinds, effort)
+    rows = [{"kind": kind, "seed": 0, **job_of_average(kind, 0)} for kind in AVERAGED_AGAIN]
+    return kept(path, pd.DataFrame(rows), kinds, effort)
 
 
 def path_with_drives(effort: Effort) -> dict[str, Any]:
