@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import study
 
@@ -21,6 +22,19 @@ HERE = Path(__file__).resolve().parent
 PAGES = HERE.parent / "docs" / "explanation"
 
 
+def spans_of_coverage(families: dict[str, Any]) -> dict[str, float]:
+    """Lowest and highest coverage of a group of parameters in any family, by edition."""
+    spans = {}
+    for edition in ("first", "second", "third"):
+        shares: list[float] = []
+        for family in families.values():
+            if family[edition] is not None:
+                shares += family[edition]["coverage"].values()
+        spans[f"{edition}_low"] = min(shares)
+        spans[f"{edition}_high"] = max(shares)
+    return spans
+
+
 def written() -> dict[Path, str]:
     """Every page as its template says."""
     results = {
@@ -28,19 +42,10 @@ def written() -> dict[Path, str]:
         for path in sorted(HERE.glob("*/results.json"))
     }
     families = results["12_real_machines"]["families"]
-    spans = {}
-    for edition in ("first", "second", "third"):
-        shares = [
-            share
-            for family in families.values()
-            if family[edition] is not None
-            for share in family[edition]["coverage"].values()
-        ]
-        spans |= {f"{edition}_low": min(shares), f"{edition}_high": max(shares)}
-    rest = [family["third"]["rest_coverage"] for family in families.values()]
+    not_confounded = [family["third"]["rest_coverage"] for family in families.values()]
     facts = {
         **results,
-        **spans,
+        **spans_of_coverage(families),
         **{kind.__name__: kind() for kind in Term.kinds.values()},
         "prior": lb.Prior.default(),
         "rule": lb.inference.StoppingRule(),
@@ -48,8 +53,8 @@ def written() -> dict[Path, str]:
             "half": origins.MAJORITY,
             "contracted": verdicts.CONTRACTION_LIMIT,
         },
-        "rest_low": min(rest),
-        "rest_high": max(rest),
+        "rest_low": min(not_confounded),
+        "rest_high": max(not_confounded),
         "mild": families["mild"],
     }
     templates = sorted(PAGES.glob("*.md.j2"))

@@ -36,10 +36,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from fnmatch import filter as fnmatch_filter
 from fnmatch import fnmatch
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NoReturn
 
 import numpy as np
 import pandas as pd
@@ -70,6 +71,11 @@ _ASKED = argparse.Namespace(executor="process", scheduler=None, workers=0)
 RESTORE = "Restore it with `git checkout`; if the change is meant, run with --write."
 
 
+def _no_figures(results: dict[str, Any]) -> Mapping[str, Figure]:
+    """For studies without figures."""
+    return {}
+
+
 @dataclass(frozen=True)
 class Study:
     """One study.
@@ -94,7 +100,7 @@ class Study:
 
     folder: Path
     measure: Callable[[Effort], dict[str, Any]]
-    draw: Callable[[dict[str, Any]], Mapping[str, Figure]] = lambda results: {}
+    draw: Callable[[dict[str, Any]], Mapping[str, Figure]] = _no_figures
     tolerance: float = 0.01
     absolute: Mapping[str, float] = field(default_factory=dict)
     once: tuple[str, ...] = ()
@@ -126,14 +132,18 @@ def run(study: Study) -> None:
     options = parser.parse_args()
     for name in ("executor", "scheduler", "workers"):
         setattr(_ASKED, name, getattr(options, name))
-    effort: Effort = "write" if options.write else "quick" if options.quick else "usual"
+    effort: Effort = "usual"
+    if options.write:
+        effort = "write"
+    elif options.quick:
+        effort = "quick"
+    states_anew = options.write or options.restate
     start = time.perf_counter()
     try:
-        wrong = (
-            _state(study, effort)
-            if options.write or options.restate
-            else _compare_with_stated(study, effort)
-        )
+        if states_anew:
+            wrong = _state(study, effort)
+        else:
+            wrong = _compare_with_stated(study, effort)
     except (
         lb.InputError,
         OSError,
@@ -146,7 +156,7 @@ def run(study: Study) -> None:
         sys.exit(f"{study.folder.name}: {_said(error)}")
     if wrong:
         sys.exit(f"{study.folder.name}: not reproduced\n  " + "\n  ".join(wrong))
-    outcome = "stated" if options.write or options.restate else "reproduced"
+    outcome = "stated" if states_anew else "reproduced"
     print(f"{study.folder.name}: {outcome} in {time.perf_counter() - start:.0f} s")
 
 
@@ -177,23 +187,27 @@ def _said(error: Exception) -> str:
         | pd.errors.EmptyDataError,
     ):
         return f"a file of the study is damaged: {error}. {RESTORE}"
-    return (
-        f"a template asks for what is not measured or is damaged: {error}. {RESTORE}"
-        if isinstance(error, TemplateError)
-        else str(error)
-    )
+    if isinstance(error, TemplateError):
+        return f"a template asks for what is not measured or is damaged: {error}. {RESTORE}"
+    return str(error)
 
 
 def _measured(study: Study, effort: Effort) -> dict[str, Any]:
     """The numbers as JSON holds them, and the digests of the campaigns kept."""
-    results = dict(
-        json.loads(json.dumps(study.measure(effort), default=lambda value: value.item()))
-    )
+    text = json.dumps(study.measure(effort), default=_plain_number)
+    results = dict(json.loads(text))
     digests = {
         path.name: hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(study.folder.glob("*.csv"))
     }
-    return results | ({"kept": digests} if digests else {})
+    if digests:
+        results["kept"] = digests
+    return results
+
+
+def _plain_number(value: Any) -> Any:
+    """A number of NumPy as one of Python."""
+    return value.item()
 
 
 def _state(study: Study, effort: Effort) -> list[str]:
@@ -213,10 +227,10 @@ def _state(study: Study, effort: Effort) -> list[str]:
 
 def _compare_with_stated(study: Study, effort: Effort) -> list[str]:
     """What was not reproduced, and what of the pages does not follow from the numbers."""
-    path = study.folder / "results.json"
-    stated = json.loads(path.read_text(encoding="utf-8"))
+    file = study.folder / "results.json"
+    stated = json.loads(file.read_text(encoding="utf-8"))
     if not isinstance(stated, dict):
-        return [f"{path.name} must hold numbers by name. {RESTORE}"]
+        return [f"{file.name} must hold numbers by name. {RESTORE}"]
     measured = _measured(study, effort)
     if effort == "quick":
         for path in study.long:
@@ -243,23 +257,30 @@ def _unused(stated: Any, study: Study) -> list[str]:
     return [
         f"{pattern}: the study names it, but nothing it measures is called so"
         for pattern in (*study.absolute, *study.once)
-        if not any(fnmatch(path, pattern) for path in paths)
+        if not fnmatch_filter(paths, pattern)
     ]
 
 
 def _paths(value: Any, path: str = "") -> list[str]:
     """Names of all numbers and of what holds them, as a/b/c."""
-    items = (
-        value.items()
-        if isinstance(value, dict)
-        else enumerate(value)
-        if isinstance(value, list)
-        else ()
-    )
-    return [
-        path,
-        *(name for key, own in items for name in _paths(own, f"{path}/{key}".lstrip("/"))),
-    ]
+    paths = [path]
+    for key, child in _children(value):
+        paths += _paths(child, _joined(path, key))
+    return paths
+
+
+def _children(value: Any) -> list[tuple[Any, Any]]:
+    """What a dictionary or a list holds, by key or index; nothing of a number."""
+    if isinstance(value, dict):
+        return list(value.items())
+    if isinstance(value, list):
+        return list(enumerate(value))
+    return []
+
+
+def _joined(path: str, key: Any) -> str:
+    """Name of what stands under a key."""
+    return f"{path}/{key}".lstrip("/")
 
 
 def _pages_that_differ(folder: Path) -> list[str]:
@@ -287,35 +308,44 @@ def differences(new: Any, old: Any, study: Study, path: str = "") -> list[str]:
     if any(fnmatch(path, pattern) for pattern in study.once):
         return []
     if isinstance(old, dict) and isinstance(new, dict):
-        keys = dict.fromkeys([*old, *new])
-        return [
-            text
-            for key in keys
-            for text in (
-                differences(new[key], old[key], study, f"{path}/{key}".lstrip("/"))
-                if key in new and key in old
-                else [
-                    f"{path}/{key}".lstrip("/")
-                    + (": stated, not measured" if key in old else ": measured, not stated")
-                ]
-            )
-        ]
+        return _differences_by_key(new, old, study, path)
+    texts: list[str] = []
     if isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
-        return [
-            text
-            for k, (a, b) in enumerate(zip(new, old, strict=True))
-            for text in differences(a, b, study, f"{path}/{k}")
-        ]
-    if isinstance(old, float) and isinstance(new, float | int):
-        allowed = max(
-            (size for pattern, size in study.absolute.items() if fnmatch(path, pattern)),
-            default=0.0,
-        )
-        same = math.isclose(new, old, rel_tol=study.tolerance, abs_tol=allowed) or (
-            math.isnan(new) and math.isnan(old)
-        )
-        return [] if same else [f"{path}: {new:.6g}, stated {old:.6g}"]
-    return [] if new == old else [f"{path}: {new!r}, stated {old!r}"]
+        for index, (new_value, old_value) in enumerate(zip(new, old, strict=True)):
+            texts += differences(new_value, old_value, study, f"{path}/{index}")
+    elif isinstance(old, float) and isinstance(new, float | int):
+        if not _is_reproduced(new, old, study, path):
+            texts.append(f"{path}: {new:.6g}, stated {old:.6g}")
+    elif new != old:
+        texts.append(f"{path}: {new!r}, stated {old!r}")
+    return texts
+
+
+def _differences_by_key(
+    new: dict[str, Any], old: dict[str, Any], study: Study, path: str
+) -> list[str]:
+    """Differences of what stands under each key, and keys that are in one of them only."""
+    texts: list[str] = []
+    for key in dict.fromkeys([*old, *new]):
+        name = _joined(path, key)
+        if key not in new:
+            texts.append(f"{name}: stated, not measured")
+        elif key not in old:
+            texts.append(f"{name}: measured, not stated")
+        else:
+            texts += differences(new[key], old[key], study, name)
+    return texts
+
+
+def _is_reproduced(new: float, old: float, study: Study, path: str) -> bool:
+    """Whether a number is what is stated, within the study's tolerances."""
+    if math.isnan(new) and math.isnan(old):
+        return True
+    allowed = 0.0
+    for pattern, size in study.absolute.items():
+        if fnmatch(path, pattern):
+            allowed = max(allowed, size)
+    return math.isclose(new, old, rel_tol=study.tolerance, abs_tol=allowed)
 
 
 def pages(folder: Path) -> list[str]:
@@ -346,15 +376,18 @@ def page(folder: Path, name: str = "README.md", results: Mapping[str, Any] | Non
     numbers = {
         path.stem: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("*.json")
     }
-    own = numbers["results"] if results is None else results
-    return environment.get_template(f"{name}.j2").render(numbers, r=own, pm=_plus_minus)
+    if results is None:
+        results = numbers["results"]
+    return environment.get_template(f"{name}.j2").render(numbers, r=results, pm=_plus_minus)
 
 
 def _to(value: float, form: str = ".2f", factor: float = 1.0) -> str:
     """A number with a true minus sign: ``{{ x | to("+.2f", 1e6) }}``."""
     text = format(value * factor, form)
     mantissa, e, exponent = text.partition("e")
-    return (mantissa + (f"e{int(exponent)}" if e else "")).replace("-", "−")
+    if e:
+        text = f"{mantissa}e{int(exponent)}"
+    return text.replace("-", "−")
 
 
 def _sig(value: float, digits: int = 2, factor: float = 1.0) -> str:
@@ -381,6 +414,7 @@ def _of(table: Mapping[str, Mapping[str, float]], column: str) -> list[float]:
 
 
 def _values(numbers: Mapping[str, float] | Sequence[float]) -> list[float]:
+    """Numbers by name, or one after the other, as a list."""
     return list(numbers.values()) if isinstance(numbers, Mapping) else list(numbers)
 
 
@@ -423,18 +457,17 @@ def replicated(
     astray, of_draws : float
         See `kept`.
     """
-    jobs = [
-        (kind, seed)
-        for kind, count in kinds.items()
-        for seed in range(min(count, again.get(effort, count)))
-    ]
-    made = pd.DataFrame(_on_all_cores(job, jobs))
-    return kept(path, made, kinds, effort, tolerance=tolerance, astray=astray, of_draws=of_draws)
+    jobs: list[tuple[str, int]] = []
+    for kind, count in kinds.items():
+        count_again = min(count, again.get(effort, count))
+        jobs += [(kind, seed) for seed in range(count_again)]
+    rows = pd.DataFrame(_on_all_cores(job, jobs))
+    return kept(path, rows, kinds, effort, tolerance=tolerance, astray=astray, of_draws=of_draws)
 
 
 def kept(
     path: Path,
-    made: pd.DataFrame,
+    rows: pd.DataFrame,
     kinds: Mapping[str, int],
     effort: Effort,
     *,
@@ -442,7 +475,7 @@ def kept(
     astray: float = 0.0,
     of_draws: float = np.inf,
 ) -> pd.DataFrame:
-    """Keep the rows made (``--write``), or compare them with those kept; returns all that are kept,
+    """Keep the rows (``--write``), or compare them with those kept; returns all that are kept,
     see `replicated`.
 
     Parameters
@@ -456,83 +489,85 @@ def kept(
         errors.
     """
     if effort == "write":
-        made.to_csv(path, index=False, float_format="%.6g", lineterminator="\n")
+        rows.to_csv(path, index=False, float_format="%.6g", lineterminator="\n")
         return pd.read_csv(path)
-    known = pd.read_csv(path)
-    if not {"kind", "seed"} <= set(known.columns):
+    stored = pd.read_csv(path)
+    if not {"kind", "seed"} <= set(stored.columns):
         sys.exit(
             f"{path.parent.name}/{path.name}: must have columns kind and seed, has"
-            f" {', '.join(known.columns)}. {RESTORE}"
+            f" {', '.join(stored.columns)}. {RESTORE}"
         )
-    counts = {str(kind): int(count) for kind, count in known["kind"].value_counts().items()}
+    counts = {str(kind): int(count) for kind, count in stored["kind"].value_counts().items()}
     if counts != dict(kinds):
         sys.exit(
             f"{path.parent.name}/{path.name}: holds {counts}, the study asks for {dict(kinds)}."
             f" {RESTORE}"
         )
-    _compare(made, known, f"{path.parent.name}/{path.name}", tolerance, astray, of_draws)
-    return known
+    _compare(rows, stored, f"{path.parent.name}/{path.name}", tolerance, astray, of_draws)
+    return stored
 
 
 def _compare(
-    made: pd.DataFrame,
-    kept: pd.DataFrame,
-    where: str,
+    rows: pd.DataFrame,
+    stored: pd.DataFrame,
+    file: str,
     tolerance: float,
     astray: float = 0.0,
     of_draws: float = np.inf,
 ) -> None:
     """Refuse rows that are not those kept."""
-    both = made.merge(
-        kept, on=["kind", "seed"], suffixes=("", " kept"), how="left", validate="one_to_one"
+    both = rows.merge(
+        stored, on=["kind", "seed"], suffixes=("", " kept"), how="left", validate="one_to_one"
     )
-    numbers = [name for name in made.columns if name not in ("kind", "seed")]
-    missing = [name for name in numbers if name not in kept.columns]
+    columns = [name for name in rows.columns if name not in ("kind", "seed")]
+    missing = [name for name in columns if name not in stored.columns]
     if missing:
-        sys.exit(f"{where}: {', '.join(missing)} are not kept. {RESTORE}")
-    off = _differs(both, numbers, kept, tolerance)
-    measured = [name for name in numbers if not kept[name].isin([0, 1]).all()]
-    far = _differs(both, measured, kept, of_draws)
-    rows = np.flatnonzero(off.any(axis=1))
-    if far.any(axis=None):
-        rows = np.flatnonzero(far.any(axis=1))
-        off = far
-    if far.any(axis=None) or len(rows) > astray * len(both):
-        row = both.iloc[rows[0]]
-        name = off.columns[off.iloc[rows[0]]][0]
-        sys.exit(
-            f"{where}: {row['kind']}, seed {row['seed']}: {name} is {row[name]:.6g}, kept"
-            f" {row[f'{name} kept']:.6g}; {len(rows)} of {len(both)} rows differ"
-        )
-    if len(rows):
-        print(f"{where}: {len(rows)} of {len(both)} rows of random draws came out differently")
+        sys.exit(f"{file}: {', '.join(missing)} are not kept. {RESTORE}")
+    measured = [name for name in columns if not stored[name].isin([0, 1]).all()]
+    differs = _differs(both, columns, stored, tolerance)
+    differs_far = _differs(both, measured, stored, of_draws)
+    indices = np.flatnonzero(differs.any(axis=1))
+    if differs_far.any(axis=None):
+        _refuse(file, both, differs_far)
+    if len(indices) > astray * len(both):
+        _refuse(file, both, differs)
+    if len(indices):
+        print(f"{file}: {len(indices)} of {len(both)} rows of random draws came out differently")
+
+
+def _refuse(file: str, both: pd.DataFrame, differs: pd.DataFrame) -> NoReturn:
+    """End with the first number that differs, and how many rows do."""
+    indices = np.flatnonzero(differs.any(axis=1))
+    row = both.iloc[indices[0]]
+    name = differs.columns[differs.iloc[indices[0]]][0]
+    sys.exit(
+        f"{file}: {row['kind']}, seed {row['seed']}: {name} is {row[name]:.6g}, kept"
+        f" {row[f'{name} kept']:.6g}; {len(indices)} of {len(both)} rows differ"
+    )
 
 
 def _differs(
-    both: pd.DataFrame, names: list[str], kept: pd.DataFrame, tolerance: float
+    both: pd.DataFrame, names: list[str], stored: pd.DataFrame, tolerance: float
 ) -> pd.DataFrame:
     """Where columns of rows made again are not those kept, within a tolerance relative to the
     largest value kept."""
-    return pd.DataFrame(
-        {
-            name: (
-                ((both[name] - both[f"{name} kept"]).abs() > tolerance * kept[name].abs().max())
-                | (both[name].isna() != both[f"{name} kept"].isna())
-            )
-            for name in names
-        },
-        index=both.index,
-    )
+    columns = {}
+    for name in names:
+        new = both[name]
+        old = both[f"{name} kept"]
+        is_far = (new - old).abs() > tolerance * stored[name].abs().max()
+        columns[name] = is_far | (new.isna() != old.isna())
+    return pd.DataFrame(columns, index=both.index)
 
 
 @contextmanager
 def executor() -> Iterator[Executor | None]:
     """What the jobs run on, as ``--executor``, ``--scheduler`` and ``--workers`` ask; default: all
     cores; None: this process."""
-    with executor_named(_ASKED.executor, _ASKED.workers, _ASKED.scheduler) as found:
+    with executor_named(_ASKED.executor, _ASKED.workers, _ASKED.scheduler) as pool:
         if _ASKED.scheduler is not None:
             _send_along()
-        yield found
+        yield pool
 
 
 def _send_along() -> None:
@@ -540,13 +575,12 @@ def _send_along() -> None:
     alone."""
     import cloudpickle
 
+    studies = Path(__file__).resolve().parent
     for module in list(sys.modules.values()):
         path = getattr(module, "__file__", None)
-        if (
-            path is not None
-            and module.__name__ != "__main__"
-            and Path(path).is_relative_to(Path(__file__).resolve().parent)
-        ):
+        if path is None or module.__name__ == "__main__":
+            continue
+        if Path(path).is_relative_to(studies):
             cloudpickle.register_pickle_by_value(module)
 
 
@@ -570,10 +604,10 @@ def _on_all_cores(
     return [rows[index] for index in range(len(jobs))]
 
 
-def _row(job: Callable[[str, int], Row], which: tuple[str, int]) -> dict[str, Any]:
-    kind, seed = which
-    return {
-        "kind": kind,
-        "seed": seed,
-        **{name: float(value) for name, value in job(kind, seed).items()},
-    }
+def _row(job: Callable[[str, int], Row], kind_and_seed: tuple[str, int]) -> dict[str, Any]:
+    """The row of one simulated campaign."""
+    kind, seed = kind_and_seed
+    row: dict[str, Any] = {"kind": kind, "seed": seed}
+    for name, value in job(kind, seed).items():
+        row[name] = float(value)
+    return row
