@@ -11,13 +11,24 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 HERE = Path(__file__).resolve().parent
+# Run by hand: they take long, and have options of their own.
 BY_HAND = ("90_speed", "91_fleet")
+# Begun first where several run at once.
 LONGEST = ("04_constant_or_linear", "05_next_campaign")
+# Options that are passed on to each study.
 PASSED_ON = {"--executor": "process|dask", "--scheduler": "ADDRESS", "--workers": "N"}
+
+
+class Outcome(NamedTuple):
+    """How a study ended."""
+
+    name: str
+    exit_code: int
+    seconds: float
 
 
 def studies() -> list[Path]:
@@ -25,23 +36,26 @@ def studies() -> list[Path]:
     return sorted(path.parent for path in HERE.glob("[0-9][0-9]_*/run.py"))
 
 
-def ran(path: Path, options: list[str], *, aside: bool) -> tuple[int, float]:
-    """Exit code and seconds of one study; run ``aside`` of others, what it prints comes in one
-    piece when it ends."""
+def run_study(folder: Path, options: list[str], *, side_by_side: bool) -> Outcome:
+    """Run one study in a process of its own.
+
+    ``side_by_side``: with others; what it prints comes in one piece when it ends.
+    """
     start = time.perf_counter()
-    if not aside:
-        print(f"== {path.name}", flush=True)
-    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT} if aside else {}
-    ended = subprocess.run(
-        [sys.executable, str(path / "run.py"), *options], check=False, text=True, **streams
-    )
-    if aside:
-        print(f"== {path.name}\n{ended.stdout}", end="", flush=True)
-    return ended.returncode, time.perf_counter() - start
+    command = [sys.executable, str(folder / "run.py"), *options]
+    if side_by_side:
+        process = subprocess.run(
+            command, check=False, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+        )
+        print(f"== {folder.name}\n{process.stdout}", end="", flush=True)
+    else:
+        print(f"== {folder.name}", flush=True)
+        process = subprocess.run(command, check=False)
+    return Outcome(folder.name, process.returncode, time.perf_counter() - start)
 
 
-def main() -> None:
-    """Each in a process of its own; a table of seconds at the end."""
+def command_line() -> argparse.ArgumentParser:
+    """The options of ``python studies``."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
@@ -56,57 +70,64 @@ def main() -> None:
     )
     for option, metavar in PASSED_ON.items():
         parser.add_argument(option, metavar=metavar, help="see run.py --help of a study")
+    return parser
+
+
+def chosen_studies(parser: argparse.ArgumentParser, options: argparse.Namespace) -> list[Path]:
+    """The folders that are asked for, in order; without numbers all but those run by hand."""
+    folders = studies()
+    if not options.which:
+        return [folder for folder in folders if folder.name not in BY_HAND]
+    chosen: set[Path] = set()
+    for number in options.which:
+        with_number = {folder for folder in folders if folder.name.startswith(number.zfill(2))}
+        if not with_number:
+            names = ", ".join(folder.name for folder in folders)
+            parser.error(f"unknown study {number}; there are {names}")
+        chosen |= with_number
+    by_hand = [folder.name for folder in sorted(chosen) if folder.name in BY_HAND]
+    if options.quick and by_hand:
+        parser.error(f"{by_hand[0]} is run by hand: python studies/{by_hand[0]}/run.py --help")
+    return sorted(chosen)
+
+
+def options_of_study(folder: Path, options: argparse.Namespace) -> list[str]:
+    """The options that a study is run with; those run by hand have options of their own."""
+    if folder.name in BY_HAND:
+        return []
+    texts = ["--quick"] if options.quick else []
+    for option in PASSED_ON:
+        value = getattr(options, option.strip("-"))
+        if value is not None:
+            texts += [option, value]
+    return texts
+
+
+def run_all(folders: list[Path], options: argparse.Namespace) -> list[Outcome]:
+    """Run the studies, so many at once, the longest first where there are several at once."""
+    side_by_side = options.at_once > 1
+    if side_by_side:
+        longest = [folder for folder in folders if folder.name in LONGEST]
+        folders = longest + [folder for folder in folders if folder.name not in LONGEST]
+    with ThreadPoolExecutor(options.at_once) as pool:
+        futures = []
+        for folder in folders:
+            arguments = options_of_study(folder, options)
+            futures.append(pool.submit(run_study, folder, arguments, side_by_side=side_by_side))
+        return [future.result() for future in futures]
+
+
+def main() -> None:
+    """Run the studies, each in a process of its own; print a table of seconds at the end."""
+    parser = command_line()
     options = parser.parse_args()
-    given = {option: getattr(options, option.strip("-")) for option in PASSED_ON}
-    passed_on = [
-        text for option, value in given.items() if value is not None for text in (option, value)
-    ]
-    known = studies()
-    wanted = {
-        number: [path for path in known if path.name.startswith(number.zfill(2))]
-        for number in options.which
-    }
     if options.at_once < 1:
         parser.error(f"--at-once must be at least 1, got {options.at_once}")
-    unknown = [number for number, found in wanted.items() if not found]
-    if unknown:
-        parser.error(
-            f"unknown study {unknown[0]}; there are {', '.join(path.name for path in known)}"
-        )
-    by_hand = [
-        path
-        for path in known
-        if path.name in BY_HAND and any(path in found for found in wanted.values())
-    ]
-    if options.quick and by_hand:
-        parser.error(
-            f"{by_hand[0].name} is run by hand: python studies/{by_hand[0].name}/run.py --help"
-        )
-    chosen = [
-        path
-        for path in known
-        if (any(path in found for found in wanted.values()) if wanted else path.name not in BY_HAND)
-    ]
-    own = [*(["--quick"] if options.quick else []), *passed_on]
-    if options.at_once > 1:
-        chosen.sort(key=lambda path: path.name not in LONGEST)
-    with ThreadPoolExecutor(options.at_once) as pool:
-        arguments = [[] if path.name in BY_HAND else own for path in chosen]
-        ended = dict(
-            zip(
-                chosen,
-                pool.map(partial(ran, aside=options.at_once > 1), chosen, arguments),
-                strict=True,
-            )
-        )
-    failed = [path.name for path, (code, _) in ended.items() if code]
-    seconds = {path.name: taken for path, (_, taken) in ended.items()}
-    print(
-        "\n".join(
-            f"{'FAILED ' if name in failed else 'ok     '}{name} {value:6.0f} s"
-            for name, value in seconds.items()
-        )
-    )
+    outcomes = run_all(chosen_studies(parser, options), options)
+    for outcome in outcomes:
+        word = "FAILED" if outcome.exit_code else "ok    "
+        print(f"{word} {outcome.name} {outcome.seconds:6.0f} s")
+    failed = [outcome.name for outcome in outcomes if outcome.exit_code]
     if failed:
         sys.exit(f"Not reproduced: {', '.join(failed)}")
 
