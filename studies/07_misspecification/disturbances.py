@@ -51,8 +51,8 @@ GEOMETRY_SD = {
     "E_Yt0": 0.02,
 }  # mm, rad
 SLOPE_SCALE = 0.3
-# In the third edition slopes go with the compliance, or with its prior sd over this where smaller.
-LEAST_SHARE = 20.0
+# In the third edition slopes go with the compliance, and no less than its prior sd over this.
+LEAST_SIZE_DIVISOR = 20.0
 # Truths are drawn from the prior with its sd times this; direct compliances within this share.
 NARROWER = 0.5
 DIRECT_SPREAD = 0.3
@@ -278,7 +278,8 @@ def _truth(rng: np.random.Generator, edition: Edition) -> dict[str, float]:
     truth["C_CCY"] = abs(truth["C_CCY"])
     size = PRIOR_SD
     if edition == "third":
-        size = {name: max(abs(truth[name]), sd / LEAST_SHARE) for name, sd in PRIOR_SD.items()}
+        smallest = {name: sd / LEAST_SIZE_DIVISOR for name, sd in PRIOR_SD.items()}
+        size = {name: max(abs(truth[name]), smallest[name]) for name in PRIOR_SD}
     slopes = {
         name: NARROWER * SLOPE_SCALE * sd / RANGE_N * rng.standard_normal()
         for name, sd in size.items()
