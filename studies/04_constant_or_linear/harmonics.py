@@ -38,7 +38,7 @@ PRIOR_SD |= {
     "E_Yt0": 0.02,
 }
 SLOPE_SCALE = 0.3
-LEAST_SHARE = 20.0
+LEAST_SIZE_DIVISOR = 20.0
 LENGTH_MM = 9.4e-3
 MOUNT_MM_PER_BAR = 0.1 * 2.33e-3
 GAIN = 0.01
@@ -228,7 +228,7 @@ def sizes_of_third_edition() -> Sizes:
 
 def _no_less_than_a_share(size: Mapping[str, float]) -> dict[str, float]:
     """The absolute sizes, but no less than a share of the prior sd."""
-    return {name: max(abs(value), PRIOR_SD[name] / LEAST_SHARE) for name, value in size.items()}
+    return {name: max(abs(value), PRIOR_SD[name] / LEAST_SIZE_DIVISOR) for name, value in size.items()}
 
 
 class NormalEquations(NamedTuple):
