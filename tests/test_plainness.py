@@ -1,4 +1,4 @@
-"""The package and its tests stay readable: limits on what a line and a function may hold."""
+"""Package, studies and tests stay readable: limits on what a line and a function may hold."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from plainness import SourceFile
 
 TESTS = Path(__file__).parent
 PACKAGE = TESTS.parent / "ldbb_bayes"
+STUDIES = TESTS.parent / "studies"
 
 # Between what well-kept packages of the field have and twice that.
 PACKAGE_LIMITS = {
@@ -43,8 +44,9 @@ def beyond(folder: Path, limits: dict[str, float]) -> dict[str, float]:
     return {figure: measured[figure] for figure in limits if measured[figure] > limits[figure]}
 
 
-def test_the_package_keeps_the_limits() -> None:
-    assert beyond(PACKAGE, PACKAGE_LIMITS) == {}
+@pytest.mark.parametrize("folder", [PACKAGE, STUDIES], ids=["package", "studies"])
+def test_the_package_and_the_studies_keep_the_limits(folder: Path) -> None:
+    assert beyond(folder, PACKAGE_LIMITS) == {}
 
 
 def test_the_tests_keep_the_limits() -> None:

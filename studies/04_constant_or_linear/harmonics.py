@@ -228,7 +228,9 @@ def sizes_of_third_edition() -> Sizes:
 
 def _no_less_than_a_share(size: Mapping[str, float]) -> dict[str, float]:
     """The absolute sizes, but no less than a share of the prior sd."""
-    return {name: max(abs(value), PRIOR_SD[name] / LEAST_SIZE_DIVISOR) for name, value in size.items()}
+    return {
+        name: max(abs(value), PRIOR_SD[name] / LEAST_SIZE_DIVISOR) for name, value in size.items()
+    }
 
 
 class NormalEquations(NamedTuple):
