@@ -17,6 +17,7 @@ from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.campaign.campaign_toml import LARGEST_PLAN, read_campaign_toml
 from ldbb_bayes.campaign.campaign_writer import PILOT_NAME, TOML_NAME, write_campaign_into
 from ldbb_bayes.campaign.certified_instrument import Instrument
+from ldbb_bayes.campaign.folder_of_tables import advice_on_folder
 from ldbb_bayes.campaign.readings_table import tests_of_table
 from ldbb_bayes.errors import InputError, check_known, placed, require
 from ldbb_bayes.files import read_toml, staged_folder
@@ -97,6 +98,11 @@ def read_campaign(
     path = Path(path)
     if path.is_dir():
         path = path / TOML_NAME
+    if path.name == TOML_NAME and path.parent.is_dir() and not path.exists():
+        raise InputError(
+            f"campaign must be a folder with {TOML_NAME}, got {path.parent}, a folder without one."
+            f" {advice_on_folder(path.parent)}"
+        )
     if not path.is_file():
         fault = "does not exist"
         advice = advice_on_path(path)

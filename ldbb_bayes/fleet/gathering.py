@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from ldbb_bayes.campaign.folder import TOML_NAME
+from ldbb_bayes.campaign.folder_of_tables import advice_on_folder
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import bytes_of
 
@@ -50,9 +51,12 @@ def gather(entries: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
     paths = tuple(path_by_folder.values())
     if not any(_may_be_campaign(path) for path in paths):
         count = f"{len(paths)} ({paths[0]})" if paths else "0"
+        advice = ""
+        if paths and os.path.isdir(paths[0]):
+            advice = f" {advice_on_folder(Path(paths[0]))}"
         raise InputError(
-            f"a batch must have campaigns that exist, got none among {count}. Name"
-            f" folders with {TOML_NAME}, tidy CSVs, folders of campaigns, or a list (@FILE)."
+            f"a batch must have campaigns that exist, got none among {count}. Name folders with"
+            f" {TOML_NAME}, tidy CSVs, folders of campaigns, or a list (@FILE).{advice}"
         )
     return paths
 
