@@ -44,6 +44,7 @@ __all__ = [
     "two_digits",
     "typeset",
     "value_and_uncertainty",
+    "with_sign",
     "without_slopes",
 ]
 
@@ -512,6 +513,38 @@ def round_like(value: float, decimals: int) -> str:
         return "?"
     rounded = round(value, decimals) or 0.0
     return f"{rounded:.{max(decimals, 0)}f}"
+
+
+def with_sign(value: float, decimals: int) -> str:
+    """Return a value with its sign and a number of decimals, as text.
+
+    A value that would be rounded to zero keeps its sign: it is stated with one significant digit.
+    Below a hundredth of the last decimal it is stated as zero, which has no sign.
+
+    Parameters
+    ----------
+    value
+        Value; one that is not finite is stated as it is.
+    decimals
+        Number of decimals, zero or above.
+
+    Returns
+    -------
+    str
+        Value as text.
+
+    Examples
+    --------
+    >>> from ldbb_bayes.units import with_sign
+    >>> [with_sign(value, 1) for value in (-8.44, 2.0, -0.032, 0.0)]
+    ['-8.4', '+2.0', '-0.03', '0.0']
+    """
+    size = abs(value)
+    if size < 10.0 ** -(decimals + 2):
+        return f"{0.0:.{decimals}f}"
+    if float(f"{size:.{decimals}f}") == 0.0:
+        return f"{value:+.1g}"
+    return f"{value:+.{decimals}f}"
 
 
 def value_and_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:

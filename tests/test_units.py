@@ -188,3 +188,15 @@ def test_a_result_with_heavy_tails_is_stated_by_its_interval() -> None:
         "1.40 [1.27, 1.53] nm/N"
     )
     assert units.state(1.4e-6, 0.46e-6, (1.27e-6, 1.53e-6), "mm/N").expanded == "+0.13 / −0.13"
+
+
+@given(st.floats(-50.0, 50.0).filter(lambda value: abs(value) >= 1e-3), st.integers(1, 3))
+def test_a_signed_number_keeps_its_sign(value: float, decimals: int) -> None:
+    text = units.with_sign(value, decimals)
+    assert float(text) * value > 0.0
+    assert abs(float(text) - value) <= 0.5001 * 10.0**-decimals
+
+
+@pytest.mark.parametrize("value", [0.0, -0.0, -1e-9, 1e-9])
+def test_zero_has_no_sign(value: float) -> None:
+    assert units.with_sign(value, 1) == "0.0"

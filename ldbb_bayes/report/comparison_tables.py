@@ -12,6 +12,7 @@ import numpy as np
 from ldbb_bayes.analysis.comparison import ComparedModel, Comparison
 from ldbb_bayes.report.wording import p_value_digits
 from ldbb_bayes.results import Table
+from ldbb_bayes.units import with_sign
 
 __all__ = ["assumptions_table", "left_out_tests_table", "models_table"]
 
@@ -77,7 +78,7 @@ def _evidence_cells(comparison: Comparison, name: str) -> tuple[str, str]:
         return "0", "0"
     ratio = f"{name}/{first}"
     error = max(comparison.log_bayes_factor_error[ratio], 1e-3)
-    return f"{comparison.log_bayes_factor[ratio]:+.3f}", f"{error:.1g}"
+    return with_sign(comparison.log_bayes_factor[ratio], 3), f"{error:.1g}"
 
 
 def _elpd_cells(comparison: Comparison, name: str) -> tuple[str, str]:
@@ -93,7 +94,7 @@ def _elpd_cells(comparison: Comparison, name: str) -> tuple[str, str]:
     difference = comparison.elpd_difference.get(f"{name}/{first}")
     if difference is None:
         return "–", "–"
-    return f"{difference.value:+.1f}", f"{difference.se:.1f}"
+    return with_sign(difference.value, 1), f"{difference.se:.1f}"
 
 
 def assumptions_table(comparison: Comparison, *, slope_scales: bool = True) -> Table:
@@ -123,14 +124,14 @@ def assumptions_table(comparison: Comparison, *, slope_scales: bool = True) -> T
         rows.append((assumption, *_log_bayes_factor(scaled.log_bayes_factor, scaled.error), ""))
     for assumed in comparison.discrepancy_sensitivity:
         evidence = _log_bayes_factor(assumed.log_bayes_factor, assumed.log_bayes_factor_error)
-        rows.append((assumed.assumption, *evidence, f"{comparison.gain(assumed):+.1f}"))
+        rows.append((assumed.assumption, *evidence, with_sign(comparison.gain(assumed), 1)))
     heads = ("assumption", "ln B (nat)", "error", "preferred by (nat)")
     return Table.of(f"ln B({comparison.sensitivity_of}) under other assumptions", heads, rows)
 
 
 def _log_bayes_factor(value: float, error: float) -> tuple[str, str]:
     """Return a log Bayes factor and its numerical error as strings, both in nat."""
-    return f"{value:+.2f}", f"{max(error, 1e-3):.1g}"
+    return with_sign(value, 2), f"{max(error, 1e-3):.1g}"
 
 
 def left_out_tests_table(comparison: Comparison) -> Table:
@@ -161,7 +162,7 @@ def left_out_tests_table(comparison: Comparison) -> Table:
                 _p_value(test.lofo_p_value),
                 _p_value(test.lofo_family_wise_p_value),
                 "FLAG" if test.flag else "",
-                f"{ratio:+.2f}",
+                with_sign(ratio, 2),
             )
         )
     heads = (

@@ -11,6 +11,7 @@ import re
 import sys
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from functools import wraps
 from pathlib import Path
 from types import SimpleNamespace
@@ -947,3 +948,16 @@ def test_the_sign_of_squareness_is_that_of_the_model(
     units = Path(__file__).parents[2] / "docs" / "reference" / "units.md"
     text = " ".join(units.read_text(encoding="utf-8").split())
     assert "angle from +X to +Y is then smaller than 90°. Of E_C(0X)Y, which turns Y, it is" in text
+
+
+def test_the_sign_of_a_bayes_factor_near_zero_is_seen(compared: lb.analysis.Comparison) -> None:
+    first, *rest = compared.prior_sensitivity
+    scaled = tuple(replace(own, log_bayes_factor=-8.44) for own in rest)
+    near = replace(
+        compared,
+        prior_sensitivity=(replace(first, log_bayes_factor=-0.03), *scaled),
+        prior_sensitivity_crossings=(),
+    )
+    text = " ".join(wording.comparison_sentences(near))
+    assert "does not change the sign" in text
+    assert "ln B lies between −8.4 and −0.03." in text

@@ -10,7 +10,7 @@ import jinja2
 
 from ldbb_bayes.report.wording.effect_names import joined, nuisance_words, term_words
 from ldbb_bayes.report.wording.number_words import p_value_words, probability_words
-from ldbb_bayes.units import display_name, typeset
+from ldbb_bayes.units import display_name, round_like, typeset, with_sign
 
 __all__ = ["SentenceFile"]
 
@@ -45,7 +45,9 @@ class SentenceFile:
         for function in (
             joined,
             display_name,
+            round_like,
             typeset,
+            with_sign,
             term_words,
             nuisance_words,
             p_value_words,
