@@ -708,12 +708,14 @@ def _remark_on_mirrored_tests(campaign: Campaign, remarks: _Remarks) -> None:
 
 
 def _remark_on_sign(campaign: Campaign, remarks: _Remarks) -> None:
-    """Add a remark if the mean reading on a circle falls as the force rises.
+    """Add one remark if the mean reading on a circle falls as the force rises.
 
     Tests are compared with each other if they have the same circle (plane, centre and radius),
     set-up and direction of travel. The bar pushes tool and table apart, so that the mean reading
     must rise with the force. If the mean reading falls, the sign of the readings is probably wrong.
+    The remark states the largest fall, because the cure is the same for all circles.
     """
+    falls = []
     for means in _means_of_circles(campaign):
         if len(means) < _FEWEST_FOR_SIGN:
             continue
@@ -723,13 +725,17 @@ def _remark_on_sign(campaign: Campaign, remarks: _Remarks) -> None:
             continue
         fall_um = -float(np.polyfit(force_N, mean_um, 1)[0] * np.ptp(force_N))
         correlation = float(np.corrcoef(force_N, mean_um)[0, 1])
-        remarks.add(
-            RemarkKind.SIGN,
-            fall_um > _SMALLEST_FALL_UM and correlation < _FALLING,
-            fall_um=fall_um,
-            low_N=float(force_N.min()),
-            high_N=float(force_N.max()),
-        )
+        if fall_um > _SMALLEST_FALL_UM and correlation < _FALLING:
+            falls.append(
+                {
+                    "fall_um": fall_um,
+                    "low_N": float(force_N.min()),
+                    "high_N": float(force_N.max()),
+                }
+            )
+    if falls:
+        largest = max(falls, key=lambda fall: fall["fall_um"])
+        remarks.add(RemarkKind.SIGN, **largest)
 
 
 def _remark_on_unit(

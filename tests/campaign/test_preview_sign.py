@@ -30,6 +30,16 @@ def test_readings_with_the_wrong_sign_are_noticed(seed: int) -> None:
     assert float(str(values["fall_um"])) > 2.0
 
 
+def test_both_directions_of_travel_give_one_remark_on_the_larger_fall() -> None:
+    falling_um = {"CW": [-4.0, -8.0, -12.0, -16.0], "CCW": [-4.0, -9.0, -14.0, -19.0]}
+    tests = []
+    for direction, means_um in falling_um.items():
+        for test in straight(means_um).tests:
+            tests.append(replace(test, direction=direction, name=f"{test.name} {direction}"))
+    (values,) = signs_remarked(lb.Campaign(tuple(tests)))
+    assert values["fall_um"] == pytest.approx(15.0)
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_readings_with_the_right_sign_are_not(seed: int) -> None:
     assert signs_remarked(simulated(plan(), seed=seed)) == []
