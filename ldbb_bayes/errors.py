@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from difflib import SequenceMatcher
@@ -26,6 +27,8 @@ LONGEST_MESSAGE = 1200
 # A name is suggested instead of a misspelt name only if at least this fraction of the letters of
 # the two names match.
 _LEAST_SIMILARITY = 0.4
+# The last of several words that are written together, such as Error in ForceError.
+_LAST_WORD = re.compile(r"(?<=[a-z])[A-Z][a-z]+$")
 
 
 class InputError(ValueError):
@@ -202,6 +205,11 @@ def suggestion(name: str, known: Iterable[str]) -> str:
         # whether one of them is meant by another.
         similar = similar.removeprefix(beginning)
         stated = stated.removeprefix(beginning)
+    last_word = _LAST_WORD.search(candidate)
+    if last_word and stated.endswith(last_word[0].lower()):
+        # Names such as ForceError and PitchError share a word that says as little.
+        similar = similar.removesuffix(last_word[0].lower())
+        stated = stated.removesuffix(last_word[0].lower())
     if SequenceMatcher(None, similar, stated).ratio() < _LEAST_SIMILARITY:
         return ""
     return f" Did you mean {candidate!r}?"

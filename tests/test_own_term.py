@@ -105,6 +105,8 @@ def test_toml_both_ways() -> None:
         model_from_toml,
         text.replace("2.5", "-1.0"),
     )
+    other = text.replace("PitchError", "LeadError")
+    refuses("got 'LeadError'. A term of your own: commands do not have it", model_from_toml, other)
     refuses("PitchError key must be one of", model_from_toml, text.replace("scale_um", "size_um"))
 
 

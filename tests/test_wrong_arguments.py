@@ -186,3 +186,18 @@ def test_the_nearest_name_is_asked_for_once() -> None:
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert ended.stderr.count("Did you mean") == 1
     assert ended.stderr.endswith("Did you mean 'read_campaign'?\n")
+
+
+@pytest.mark.parametrize(
+    ("name", "answer"),
+    [
+        ("PitchError", ""),
+        ("ForcError", " Did you mean 'ForceError'?"),
+        ("forceerror", " Did you mean 'ForceError'?"),
+        ("ForceErrors", " Did you mean 'ForceError'?"),
+        ("BallForms", " Did you mean 'BallForm'?"),
+        ("Mont", " Did you mean 'Mount'?"),
+    ],
+)
+def test_a_shared_last_word_alone_suggests_nothing(name: str, answer: str) -> None:
+    assert suggestion(name, ["BallForm", "Mount", "ForceError", "Drift"]) == answer
