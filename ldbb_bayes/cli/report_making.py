@@ -109,7 +109,8 @@ def _print_report(output: Output, written: WrittenReport, figures: Path | None) 
     """Print a report that was written into a folder.
 
     With the option ``--json``, the content of the file report.json is printed. Without this option,
-    the results are printed in words, followed by the paths of the files. ``figures`` is the folder
+    the results are printed in words, with the sentence of the first sheet on whether they can be
+    used, followed by the paths of the files. ``figures`` is the folder
     of the figures, or None if no figures were written.
     """
     folder = output.out or Path()
@@ -117,10 +118,11 @@ def _print_report(output: Output, written: WrittenReport, figures: Path | None) 
         typer.echo((folder / "report.json").read_text(encoding="utf-8"), nl=False)
         return
     alerts = [f"Note: {alert}" for alert in written.document.alerts]
+    state = written.document.state_and_cure
     if written.warns_first:
-        show(*alerts, *written.parts)
+        show(state, *alerts, *written.parts)
     else:
-        show(*written.parts, *alerts)
+        show(*written.parts, *alerts, state)
     if output.quiet:
         return
     line = f"Written: {', '.join(f'{folder}/{name}' for name in REPORT_FILES)}"

@@ -35,7 +35,10 @@ def report(
     yes: Annotated[
         bool,
         option(
-            bool, "Ask nothing: what neither files nor options say is assumed, and said.", False
+            bool,
+            "Ask nothing: machine, mount and balls that nothing states are assumed, and said;"
+            " tables that leave something else open are refused, with the option that says it.",
+            False,
         ),
     ],
     model: arguments.ChosenModel,

@@ -47,10 +47,14 @@ class Banner:
     sentence
         Sentence that states whether the results on this sheet can be used, and the most
         serious reasons for caution.
+    cure
+        Sentence on what to do about the most serious reason. The sheet does not show it; it is
+        printed at the terminal. Empty if nothing can be done, or if ``sentence`` says it.
     """
 
     kind: str
     sentence: str
+    cure: str = ""
 
 
 @dataclass(frozen=True, eq=False)

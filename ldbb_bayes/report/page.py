@@ -105,8 +105,18 @@ class Document(Shown):
     @property
     def state(self) -> str:
         """Sentence on whether the results can be used, as the test certificate states it."""
+        return self._banner.sentence
+
+    @property
+    def state_and_cure(self) -> str:
+        """The sentence ``state``, and a second one on what to do if something can be done."""
+        return f"{self._banner.sentence} {self._banner.cure}".rstrip()
+
+    @property
+    def _banner(self) -> Banner:
+        """Banner of the first sheet of the test certificate."""
         banners = [block for block in self._blocks() if isinstance(block, Banner)]
-        return banners[0].sentence
+        return banners[0]
 
     @property
     def pictures(self) -> Iterator[Picture]:

@@ -72,7 +72,19 @@ def banner(numbers: SheetNumbers) -> Banner:
     because = "; ".join(reasons[:_MOST_REASONS]) or words("state.fits")
     if not is_unusable:
         because += _missing_certificates(findings, words)
-    return Banner(kind, _state_sentence(kind, because, words))
+    return Banner(kind, _state_sentence(kind, because, words), _cure(numbers.judgement, words))
+
+
+def _cure(judgement: Judgement, words: Words) -> str:
+    """Return a sentence on what to do about the most serious reason that has a cure.
+
+    The sentence is empty if no reason has a cure, or if its own text states the cure.
+    """
+    for reason in judgement.reasons:
+        kind = str(reason.kind).replace("-", "_")
+        if kind in words.table["cures"]:
+            return words(f"cures.{kind}")
+    return ""
 
 
 def banner_of_fit(name: str, fit: Fit, campaign: Campaign, words: Words) -> Banner | None:

@@ -265,3 +265,29 @@ def test_a_posterior_of_which_the_digest_says_nothing_is_refused(
         else:
             file["posterior"]["C_XXX"].attrs["unit"] = "um"
     refuses("not those of its digest", lb.load, tmp_path / "changed")
+
+
+def test_the_terminal_states_what_sheet_1_states(
+    result: Path, tmp_path: Path, invoke: Invoke
+) -> None:
+    out = tmp_path / "out"
+    code, stdout, _ = invoke("report", result, "--out", out, "--sheets-only")
+    state = json.loads((out / "report.json").read_text(encoding="utf-8"))["state"]
+    printed = " ".join(stdout.split())
+    assert code == 0
+    assert state.startswith("THE RESULTS CAN BE USED")
+    assert " ".join(state.split()) in printed
+
+
+def test_the_help_says_what_yes_assumes_and_what_it_refuses(tmp_path: Path, invoke: Invoke) -> None:
+    """A unit that the numbers leave open is refused; machine, mount and balls are assumed."""
+    _, stdout, _ = invoke("report", "--help")
+    words = " ".join(stdout.replace("│", " ").split())
+    assert "machine, mount and balls that nothing states are assumed" in words
+    assert "tables that leave something else open are refused" in words
+    table = tmp_path / "150N.csv"
+    rows = [f"{angle},{0.75 * (angle % 90) / 90}" for angle in range(0, 360, 5)]
+    table.write_text("\n".join(["angle_deg,deviation", *rows]))
+    code, _, stderr = invoke("report", table, "--yes", "--out", tmp_path / "out")
+    assert code == 2
+    assert "readings must have a unit" in stderr

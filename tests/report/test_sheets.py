@@ -16,7 +16,7 @@ from reports import NOT_COMPARED, awkward, fitted, plan_of_three_planes
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.origins import Origin
 from ldbb_bayes.analysis.stated_quantities import AxialDirection
-from ldbb_bayes.analysis.usability import ReasonKind
+from ldbb_bayes.analysis.usability import Judgement, Reason, ReasonKind, Use
 from ldbb_bayes.analysis.variance_sources import VarianceSource
 from ldbb_bayes.inference.fit import ConcernKind
 from ldbb_bayes.inference.posterior import campaign_of, fit_of, record_of
@@ -31,7 +31,7 @@ from ldbb_bayes.report.plain_findings import Finding, FindingKind, best_step
 from ldbb_bayes.report.plain_findings import findings_of as findings_of_sheet
 from ldbb_bayes.report.sheet_fields import _machine_text, assumption_fields
 from ldbb_bayes.report.sheet_numbers import SheetNumbers, remark
-from ldbb_bayes.report.sheet_state import undetermined_texts
+from ldbb_bayes.report.sheet_state import banner, undetermined_texts
 from ldbb_bayes.report.sheets import _gum_sentence, _table_with_intervals, sheets
 from ldbb_bayes.report.stated_quantity import StatedQuantity
 from ldbb_bayes.report.translation import words_of
@@ -386,6 +386,32 @@ def test_only_rough_weights_of_the_average_itself_are_a_reservation(varying: Fin
         reasons = SheetNumbers(findings, words_of("en"), 36.0).judgement.reasons
         kinds = [reason.kind for reason in reasons]
         assert (ReasonKind.ROUGH_WEIGHTS in kinds) == (not converged)
+
+
+@pytest.mark.parametrize(
+    ("language", "cure"), [("en", "Weigh the models with more"), ("de", "Die Modelle mit mehr")]
+)
+def test_weights_that_are_not_exact_enough_come_with_a_cure(
+    language: str, cure: str, varying: Findings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Findings, "probabilities", {"constant": 0.4, "linear": 0.6})
+    rough = Judgement(Use.WITH_RESERVATION, (Reason(ReasonKind.ROUGH_EVIDENCE),))
+    monkeypatch.setattr(SheetNumbers, "judgement", rough)
+    assert banner(SheetNumbers(varying, words_of(language), 36.0)).cure.startswith(cure)
+
+
+def test_results_without_reservation_need_no_cure(
+    varying: Findings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(SheetNumbers, "judgement", Judgement(Use.CAN_BE_USED))
+    assert banner(SheetNumbers(varying, words_of("en"), 36.0)).cure == ""
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_cures_are_of_reasons_whose_sentences_name_none(language: str) -> None:
+    cures = set(words_of(language).table["cures"])
+    reasons = {kind.value.replace("-", "_") for kind in ReasonKind}
+    assert cures == reasons - {"unit", "balls"}
 
 
 @pytest.mark.slow
