@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
-from ldbb_bayes.analysis.conformity import Conformity
 from ldbb_bayes.analysis.machine_description import describe_machine
 from ldbb_bayes.campaign.tested_forces import force_to_state
 from ldbb_bayes.inference.posterior import bound_of, campaign_of
@@ -27,7 +26,7 @@ from ldbb_bayes.report.sheet_numbers import SheetNumbers, remark
 from ldbb_bayes.report.sheet_state import banner, undetermined_texts
 from ldbb_bayes.report.stated_quantity import StatedQuantity
 from ldbb_bayes.report.translation import Words, words_of
-from ldbb_bayes.report.wording import sum_in_words
+from ldbb_bayes.report.wording import limit_words, sum_in_words
 from ldbb_bayes.results import Table
 from ldbb_bayes.units import (
     U_PROBABILITY,
@@ -425,7 +424,7 @@ def _conformity(numbers: SheetNumbers) -> Iterator[Table | str]:
             (
                 quantity_words,
                 words.number(value),
-                words.number(_limits(conformity, factor)),
+                words.number(limit_words(conformity.lower, conformity.upper, factor)),
                 words.number(guard_band),
                 words.unit(label),
                 words.percent(conformity.probability),
@@ -438,16 +437,3 @@ def _conformity(numbers: SheetNumbers) -> Iterator[Table | str]:
         text_columns = [heads["unit"], heads["decision"]]
         yield Table.of(words("sheet.conformity"), list(heads.values()), rows, text=text_columns)
         yield words("notes.conformity")
-
-
-def _limits(conformity: Conformity, factor: float) -> str:
-    """Return the limits of a tolerance as a string, such as "≤ 60" or "−20 … 40".
-
-    ``factor`` converts the internal unit of the quantity (mm, N, rad) to the unit shown.
-    """
-    low, high = (f"{limit * factor:.4g}".replace("-", "−") for limit in conformity.limits)
-    if conformity.lower is None:
-        return f"≤ {high}"
-    if conformity.upper is None:
-        return f"≥ {low}"
-    return f"{low} … {high}"

@@ -298,6 +298,18 @@ def test_terminal_and_certificate_state_the_same_value_of_a_tolerance() -> None:
         assert float(row[1]) == pytest.approx(float(printed_row[1]), abs=half_a_digit)
 
 
+def test_terminal_and_certificate_write_a_tolerance_alike() -> None:
+    limits = {"C_XYX": "± 40 nm/N", "E_XX1": "-20..40 µm/m", "C_XXX": "60 nm/N"}
+    findings = findings_of(simulated(plan()), tolerances=limits)
+    first, _ = sheets(findings)
+    _, on_certificate = tables_of(first)
+    decisions = findings.conformity(389.0)
+    printed = conformity_table({name: decision.as_dict() for name, decision in decisions.items()})
+    written = sorted(row[2] for row in on_certificate.rows)
+    assert written == sorted(["± 40", "−20 … 40", "≤ 60"])
+    assert written == sorted(row[3] for row in printed.rows)
+
+
 def test_without_a_tolerance_there_is_no_such_table(english: Sheets) -> None:
     first, _ = english
     assert len(tables_of(first)) == 1

@@ -149,7 +149,7 @@ def _interval_if_any(change: Mapping[str, Any]) -> str:
 
 
 def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -> str:
-    """Return a string with tolerance limits, such as "≤ 60", "≥ 18", "± 20" or "−20 to 40".
+    """Return a string with tolerance limits, such as "≤ 60", "≥ 18", "± 20" or "−20 … 40".
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -
     if low == f"−{high}":
         return f"± {high}"
     if low and high:
-        return f"{low} to {high}"
+        return f"{low} … {high}"
     if low:
         return f"≥ {low}"
     return f"≤ {high}"
