@@ -7,6 +7,8 @@ import pytest
 import xarray as xr
 from campaigns import plan, refuses, simulated
 from layout import check_texts
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 from reports import fitted, plan_of_three_planes
 
 import ldbb_bayes as lb
@@ -36,6 +38,24 @@ def test_the_rose_and_the_curves_are_the_same(one_plane: xr.DataTree) -> None:
     rose, curves = lb.figures.stiffness_rose(one_plane).axes
     for in_rose, in_curves in zip(rose.lines[:2], curves.lines[:2], strict=True):
         np.testing.assert_array_equal(in_rose.get_ydata(), in_curves.get_ydata())
+
+
+def test_curves_that_coincide_are_both_seen() -> None:
+    """Where the upper curve has gaps, the colour of the lower one is drawn."""
+    constant = fitted(lb.HybridModel.first(0), simulated(plan()))
+    figure = lb.figures.stiffness_rose(constant)
+    curves = figure.axes[1]
+    lower, upper = curves.lines[:2]
+    np.testing.assert_allclose(np.asarray(lower.get_ydata()), np.asarray(upper.get_ydata()))
+    figure.set_dpi(200)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())[::-1, :, :3].astype(float)
+    left, bottom, right, top = (round(edge) for edge in curves.get_window_extent().extents)
+    panel = pixels[bottom:top, left:right]
+    for line in (lower, upper):
+        colour = 255.0 * np.array(to_rgb(line.get_color()))
+        assert (np.abs(panel - colour).max(axis=-1) < 8.0).sum() > 200
 
 
 def test_labels_of_rings_stand_above_the_curves(one_plane: xr.DataTree) -> None:

@@ -68,6 +68,9 @@ _TICKS_DEG = np.arange(0, 361, 45)
 # panel [points].
 _DIRECTION_SIZE = 8
 _RING_SIZE = 7
+# Dashes of a curve that may lie on another one: lengths of dash and gap, in line widths.
+_Dashes = tuple[float, tuple[float, float]]
+_DASHES: _Dashes = (0.0, (3.5, 2.0))
 
 
 class _RoseGrid(NamedTuple):
@@ -108,10 +111,11 @@ def stiffness_rose(
     """Draw the compliance along the bar in every direction of each plane, as a polar curve.
 
     There is one curve for the smallest and one for the largest force tested, each with a 95 % band.
-    The legend states how far a band goes that is cut off at the rim of a panel. A direction is soft
-    where a curve is far from the centre. A dashed line shows the softest direction at the largest
-    force, if the readings determine this direction. If only one plane was tested, a second panel
-    shows the same curves against the angle, with the softest direction ± U.
+    The legend states how far a band goes that is cut off at the rim of a panel. The curve
+    of the largest force is dashed, so that the other one is seen below it where both coincide. A
+    direction is soft where a curve is far from the centre. A dotted line shows the softest
+    direction at the largest force, if the readings determine this direction. If only one plane was
+    tested, a second panel shows the same curves against the angle, with the softest direction ± U.
 
     Parameters
     ----------
@@ -273,15 +277,16 @@ def _draw_rose(axes: Any, roses: Sequence[PlaneStiffness], labels: Sequence[str]
     last = roses[-1]
     factor, _ = display_unit("mm/N")
     limit = _farthest_ring(roses) * factor
-    for (rose, colour), label in zip(_coloured(roses), labels, strict=False):
+    for (rose, colour, dashes), label in zip(_styled_curves(roses), labels, strict=False):
         angle_rad = np.deg2rad(_closed(rose.angle_deg, 360.0))
         low = np.maximum(_closed(rose.compliance_low) * factor, 0.0)
         high = np.minimum(_closed(rose.compliance_high) * factor, limit)
         band(axes, angle_rad, (low, high), colour)
-        axes.plot(angle_rad, _closed(rose.compliance) * factor, color=colour, label=label)
+        compliance = _closed(rose.compliance) * factor
+        axes.plot(angle_rad, compliance, color=colour, linestyle=dashes, label=label)
     if last.softest.is_determined:
         direction_rad = np.deg2rad([last.softest.angle_deg, last.softest.angle_deg + 180.0])
-        axes.plot(direction_rad, [limit, limit], "--", color=GREY, linewidth=1.0, label=labels[-1])
+        axes.plot(direction_rad, [limit, limit], ":", color=GREY, linewidth=1.2, label=labels[-1])
     axes.set_ylim(0.0, limit)
     names = [f"{angle}°" for angle in range(0, 360, 45)]
     names[0] += f" {last.plane[0]}"
@@ -324,16 +329,17 @@ def _draw_curves(
     last = roses[-1]
     factor, unit = display_unit("mm/N")
     limit = _farthest_ring(roses) * factor
-    for rose, colour in _coloured(roses):
+    for rose, colour, dashes in _styled_curves(roses):
         angle_deg = _closed(rose.angle_deg, 360.0)
         low = np.maximum(_closed(rose.compliance_low) * factor, 0.0)
         high = np.minimum(_closed(rose.compliance_high) * factor, limit)
         band(axes, angle_deg, (low, high), colour)
-        axes.plot(angle_deg, _closed(rose.compliance) * factor, color=colour)
+        compliance = _closed(rose.compliance) * factor
+        axes.plot(angle_deg, compliance, color=colour, linestyle=dashes)
     if last.softest.is_determined:
         for turn_deg in (-180.0, 0.0, 180.0, 360.0):
             angle = last.softest.angle_deg + turn_deg
-            axes.axvline(angle, color=GREY, linestyle="--", linewidth=1.0)
+            axes.axvline(angle, color=GREY, linestyle=":", linewidth=1.2)
             axes.axvspan(
                 angle - last.softest.U_deg, angle + last.softest.U_deg, color=GREY, alpha=0.15, lw=0
             )
@@ -358,9 +364,17 @@ def _farthest_ring(roses: Sequence[PlaneStiffness]) -> float:
     return float(max(limit, 1.05 * largest))
 
 
-def _coloured(roses: Sequence[PlaneStiffness]) -> Iterator[tuple[PlaneStiffness, str]]:
-    """Yield, for every force, the stiffness by direction and the colour of the force's curve."""
-    yield from zip(roses, reversed(PALETTE[: len(roses)]), strict=True)
+def _styled_curves(
+    roses: Sequence[PlaneStiffness],
+) -> Iterator[tuple[PlaneStiffness, str, str | _Dashes]]:
+    """Yield, for every force, the stiffness by direction, and colour and dashes of its curve.
+
+    The curve of the first force is solid. Those drawn over it are dashed, so that it is seen
+    through their gaps where the curves coincide.
+    """
+    colours = reversed(PALETTE[: len(roses)])
+    for k, (rose, colour) in enumerate(zip(roses, colours, strict=True)):
+        yield rose, colour, "-" if k == 0 else _DASHES
 
 
 def _closed(values: Array, turn: float = 0.0) -> Array:
