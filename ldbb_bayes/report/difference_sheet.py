@@ -28,7 +28,6 @@ from ldbb_bayes.units import (
     is_slope,
     plus_minus,
     round_like,
-    state,
     stated_decimals,
 )
 
@@ -211,7 +210,7 @@ def _table(
         decimals = stated_decimals(quantity.estimate, quantity.sd, quantity.interval, quantity.unit)
         statement = quantity.value_and_U()
         in_brackets = (float(row["ci_low"]), float(row["ci_high"]))
-        ends = state(quantity.estimate, quantity.sd, in_brackets, quantity.unit).ends
+        ends = quantity.ends_of(in_brackets)
         rows.append(
             (
                 quantity.words,

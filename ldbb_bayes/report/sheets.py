@@ -33,7 +33,6 @@ from ldbb_bayes.units import (
     display_name,
     display_unit,
     is_compliance_or_slope,
-    state,
     two_digits,
 )
 
@@ -364,8 +363,8 @@ def _table_with_intervals(
         statement = quantity.value_and_U()
         interval = "–"
         if not other.is_exactly_none:
-            ends = state(quantity.estimate, quantity.sd, other.interval, quantity.unit).ends
-            interval = words("interval", low=ends[0], high=ends[1])
+            low, high = quantity.ends_of(other.interval)
+            interval = words("interval", low=low, high=high)
         rows.append(
             (
                 quantity.words,
