@@ -11,6 +11,7 @@ from itertools import takewhile
 from typing import NamedTuple
 
 from ldbb_bayes.campaign.campaign import PER_TEST
+from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.column_roles import find_columns
@@ -38,9 +39,6 @@ from ldbb_bayes.reading.words import (
 
 __all__ = ["Heading", "NoTableError", "find_heading", "unused_columns"]
 
-# A table of numbers begins with this number of successive rows that have the same number of cells.
-# A table at the end of the sheet may have fewer rows.
-_FEWEST_ROWS = 9
 # Units that may stand in place of the name of a column.
 _UNITS_ALONE = ("deg", "rad", "um", "mm", "nm")
 # Fields that a row of labels and numbers above a table may state.
@@ -406,7 +404,7 @@ def _first_row_of_numbers(sheet: Sheet, layout: Layout) -> int:
             " 1 deg' above the numbers."
         )
     raise NoTableError(
-        f"{sheet.place} must hold a table of at least {_FEWEST_ROWS} rows with two columns of"
+        f"{sheet.place} must hold a table of at least {FEWEST_READINGS} rows with two columns of"
         f" numbers, got none. {_middle_row(sheet)}Check the separator (--separator), the encoding"
         " (--encoding) and what the file is; units belong into the header, not into cells."
     )
@@ -417,7 +415,7 @@ def _has_single_column(rows: Sequence[Row]) -> bool:
     n_numbers = 0
     for row in rows:
         n_numbers += len(row.cells) == 1 and looks_like_number(row.cells[0])
-    return n_numbers >= max(_FEWEST_ROWS, len(rows) // 2)
+    return n_numbers >= max(FEWEST_READINGS, len(rows) // 2)
 
 
 def _numbers_begin_at(sheet: Sheet, start: int) -> bool:
@@ -429,7 +427,7 @@ def _numbers_begin_at(sheet: Sheet, start: int) -> bool:
     width = len(sheet.rows[start].cells)
     if heads_loads(sheet.rows[start].cells):
         return False
-    for row in sheet.rows[start : start + _FEWEST_ROWS]:
+    for row in sheet.rows[start : start + FEWEST_READINGS]:
         if count_numbers(row.cells) < 2 or len(row.cells) != width:
             return False
     return True
@@ -602,7 +600,7 @@ def _are_numbered(rows: Sequence[Row]) -> bool:
     width = len(rows[0].cells)
     table = list(takewhile(lambda row: len(row.cells) == width, rows))
     first = rows[0].cells[0]
-    if not first.isdecimal() or len(table) < min(_FEWEST_ROWS, len(rows)):
+    if not first.isdecimal() or len(table) < min(FEWEST_READINGS, len(rows)):
         return False
     return all(row.cells[0] == str(number) for number, row in enumerate(table, start=int(first)))
 

@@ -401,13 +401,12 @@ def test_only_rough_weights_of_the_average_itself_are_a_reservation(varying: Fin
 
 
 @pytest.mark.parametrize(
-    ("language", "cure"), [("en", "Weigh the models with more"), ("de", "Die Modelle mit mehr")]
+    ("language", "cure"), [("en", "State the numbers of one model"), ("de", "Stattdessen die Zahlen eines Modells")]
 )
 def test_weights_that_are_not_exact_enough_come_with_a_cure(
     language: str, cure: str, varying: Findings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Findings, "probabilities", {"constant": 0.4, "linear": 0.6})
-    rough = Judgement(Use.WITH_RESERVATION, (Reason(ReasonKind.ROUGH_EVIDENCE),))
+    rough = Judgement(Use.WITH_RESERVATION, (Reason(ReasonKind.ROUGH_WEIGHTS),))
     monkeypatch.setattr(SheetNumbers, "judgement", rough)
     assert banner(SheetNumbers(varying, words_of(language), 36.0)).cure.startswith(cure)
 
