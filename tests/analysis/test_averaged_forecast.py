@@ -67,8 +67,8 @@ def test_machines_have_slopes_and_rivals_as_often_as_the_models_have_without_rea
     analyses = simulate_analyses(LINEAR, PLAN, machines=256)
     models = NestedModels.of(analyses.bound)
     assert models is not None
-    known = _known_before(models, analyses)
-    machines = _draw_machines(models, known, np.random.default_rng(1))
+    distribution = _known_before(models, analyses)
+    machines = _draw_machines(models, distribution, np.random.default_rng(1))
     assert len(machines.coefficients) == 256
     p = len(models.bound.names)
     assert (machines.coefficients[:, 6] != 0.0).mean() == pytest.approx(0.5, abs=0.03)
@@ -99,10 +99,10 @@ def test_machines_have_the_moments_of_the_average_given_a_pilot() -> None:
 def test_circles_that_add_to_a_pilot_leave_no_more_than_the_pilot_does() -> None:
     pilot = simulated(PLAN, seed=1)
     added = averaged_uncertainties(simulate_analyses(LINEAR, planned(pilot, adds=True)))
-    alone = averaged_uncertainties(simulate_analyses(LINEAR, planned(pilot)))
+    of_pilot = averaged_uncertainties(simulate_analyses(LINEAR, planned(pilot)))
     for name, entry in added.items():
-        assert entry.sd < 1.03 * alone[name].sd, name
-    assert added["C_XXX"].sd < 0.95 * alone["C_XXX"].sd
+        assert entry.sd < 1.03 * of_pilot[name].sd, name
+    assert added["C_XXX"].sd < 0.95 * of_pilot["C_XXX"].sd
 
 
 def test_a_new_certificate_does_not_make_its_effect_more_probable() -> None:
@@ -115,8 +115,8 @@ def test_a_new_certificate_does_not_make_its_effect_more_probable() -> None:
     analyses = simulate_analyses(LINEAR, certified, machines=256)
     models = NestedModels.of(analyses.bound)
     assert models is not None
-    known = _known_before(models, analyses)
-    machines = _draw_machines(models, known, np.random.default_rng(1))
+    distribution = _known_before(models, analyses)
+    machines = _draw_machines(models, distribution, np.random.default_rng(1))
     curvature = machines.coefficients[:, -1]
     assert (curvature != 0.0).mean() == pytest.approx(0.5, abs=0.1)
     assert curvature[curvature != 0.0].std() == pytest.approx(1.0, abs=0.2)
@@ -136,8 +136,8 @@ def test_a_plan_of_fewer_planes_knows_what_the_pilot_says_of_its_coefficients() 
     three_planes = plan_of_three_planes()
     pilot = simulated(three_planes)
     in_xy = [test for test in three_planes.tests if test.plane == "XY"]
-    others = tuple(test for test in three_planes.tests if test.plane != "XY")
-    one_plane = replace(three_planes, tests=tuple(in_xy), foreseen=others, pilot=pilot)
+    in_other_planes = tuple(test for test in three_planes.tests if test.plane != "XY")
+    one_plane = replace(three_planes, tests=tuple(in_xy), foreseen=in_other_planes, pilot=pilot)
     analyses = simulate_analyses(LINEAR, one_plane)
     models = NestedModels.of(analyses.bound)
     of_pilot = NestedModels.of(LINEAR.bind(pilot))
@@ -147,10 +147,10 @@ def test_a_plan_of_fewer_planes_knows_what_the_pilot_says_of_its_coefficients() 
     assert not {name for name in models.names if name.startswith("joint_load_Z")}
     expected = of_pilot.coefficients_given(analyses.states.phi)
     places = [of_pilot.names.index(name) for name in models.names]
-    known = _known_before(models, analyses)
-    np.testing.assert_allclose(known.mean, expected.mean[:, places], atol=1e-7)
+    distribution = _known_before(models, analyses)
+    np.testing.assert_allclose(distribution.mean, expected.mean[:, places], atol=1e-7)
     block = expected.covariance[:, places][:, :, places]
-    np.testing.assert_allclose(known.covariance, block, atol=1e-7)
+    np.testing.assert_allclose(distribution.covariance, block, atol=1e-7)
     averaged = averaged_uncertainties(analyses)
     assert 0.0 < averaged["C_XXX"].sd < 2.5e-5
 

@@ -63,8 +63,8 @@ def test_no_family_has_a_cheaper_campaign_than_those_that_are_shown() -> None:
     """Balls of grade G10 that are not turned: a search of this family alone finds its price."""
     goals = {"C_XXX": "9 nm/N", "E_C0YX": "6 µrad"}
     prices = {"mount": 10.0, "balls G10": 10.0}
-    found = lb.design(MODEL, PILOT, goals=goals, certificates=prices, directions=("CW", "CCW"))
-    alone = lb.design(
+    design = lb.design(MODEL, PILOT, goals=goals, certificates=prices, directions=("CW", "CCW"))
+    unturned = lb.design(
         MODEL,
         PILOT,
         goals=goals,
@@ -72,9 +72,9 @@ def test_no_family_has_a_cheaper_campaign_than_those_that_are_shown() -> None:
         clockings_deg=(UNTURNED,),
         directions=("CW", "CCW"),
     )
-    assert alone.best.certificates == ("balls of grade G10",)
-    assert found.plans[0].price < alone.best.price <= found.plans[2].price
-    assert alone.best.price in [plan.price for plan in found.plans]
+    assert unturned.best.certificates == ("balls of grade G10",)
+    assert design.plans[0].price < unturned.best.price <= design.plans[2].price
+    assert unturned.best.price in [plan.price for plan in design.plans]
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def searched(monkeypatch: pytest.MonkeyPatch, *families: FamilyOfOneNumber) -> l
     monkeypatch.setattr(cheapest_search, "_Search", SearchOfOneNumbers)
     monkeypatch.setattr(cheapest_search, "_with_more_circles", lambda *_: [])
     steps: list[int] = []
-    found = cheapest_search.find_cheapest(
+    cheapest = cheapest_search.find_cheapest(
         families,  # type: ignore[arg-type]
         {},
         Costs(),
@@ -150,7 +150,7 @@ def searched(monkeypatch: pytest.MonkeyPatch, *families: FamilyOfOneNumber) -> l
         on_campaign=lambda: steps.append(1),
     )
     assert len(steps) <= 2
-    return [(campaign.family.names, len(campaign.tests)) for campaign in found.campaigns]
+    return [(campaign.family.names, len(campaign.tests)) for campaign in cheapest.campaigns]
 
 
 def test_a_certificate_found_before_the_campaign_that_needs_none_is_left_out(
@@ -173,5 +173,5 @@ def test_the_two_cheapest_are_found_whatever_is_skipped(
         needed = int(rng.integers(2, 30))
         families.append(FamilyOfOneNumber((f"c{k}",), needed, int(rng.integers(10))))
     cheapest = sorted(family.needed for family in families)[:2]
-    found = searched(monkeypatch, *families)
-    assert [circles for _, circles in found] == cheapest
+    campaigns = searched(monkeypatch, *families)
+    assert [circles for _, circles in campaigns] == cheapest

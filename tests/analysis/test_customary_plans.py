@@ -45,8 +45,8 @@ def test_a_plane_of_several_has_two_circles_at_least() -> None:
     in_planes = templates(pilot_of("XY", "YZ", "ZX"), ("CCW",))
     tests = equal_steps(in_planes, 100.0, 600.0, 4)
     assert Counter(test.plane for test in tests) == {"XY": 2, "YZ": 2, "ZX": 2}
-    alone = equal_steps(in_planes[:1], 100.0, 600.0, 1)
-    assert [test.force_N for test in alone] == [100.0]
+    in_one_plane = equal_steps(in_planes[:1], 100.0, 600.0, 1)
+    assert [test.force_N for test in in_one_plane] == [100.0]
 
 
 def test_the_published_forces_are_run_in_every_plane() -> None:
@@ -59,22 +59,22 @@ def test_the_published_forces_are_run_in_every_plane() -> None:
 @pytest.mark.usefixtures("few_states")
 def test_what_is_done_today_is_run_in_the_planes_of_the_cheapest_campaign() -> None:
     """A third plane, which no goal needs, has no circles; U of neither goal is the prior's."""
-    found = lb.design(
+    design = lb.design(
         lb.HybridModel.default(1),
         pilot_of("XY", "YZ", "ZX"),
         goals=GOALS,
         forces_N=(100.0, 600.0),
         directions=("CW", "CCW"),
     )
-    assert {test.plane for test in found.plan().tests} == {"XY", "YZ"}
-    for compared in found.customary:
+    assert {test.plane for test in design.plan().tests} == {"XY", "YZ"}
+    for compared in design.customary:
         customary = compared.customary
         assert {test.plane for test in customary.plan().tests} == {"XY", "YZ"}
         assert customary.circles == compared.ours.circles
         for name in GOALS:
-            assert customary.goals[name].U < 0.9 * found.goals[name].U
-    assert found.customary[1].customary.circles == 14
+            assert customary.goals[name].U < 0.9 * design.goals[name].U
+    assert design.customary[1].customary.circles == 14
     assert "each plane of the cheapest campaign (XY, YZ): equal steps" in " ".join(
-        text_of(found).split()
+        text_of(design).split()
     )
-    assert untranslated_texts(parts_of(found), "de", [found.pilot]) == set()
+    assert untranslated_texts(parts_of(design), "de", [design.pilot]) == set()

@@ -156,12 +156,12 @@ def dense_sd(
 def test_planned_circles_never_make_a_parameter_less_well_known(recovered: lb.Campaign) -> None:
     """By the exact marginals; a forecast of 64 machines alone is up to 8 % above them."""
     model = lb.HybridModel.default(1)
-    known = lb.inference.marginalize(model.without("truncation"), recovered)["sd"]
-    found = lb.design(model, recovered, tests=6, forces_N=(36.0, 742.0), augment=True)
-    expected = lb.analysis.forecast_plan(model, found.plan(), machines=64).expected
+    sd_of_pilot = lb.inference.marginalize(model.without("truncation"), recovered)["sd"]
+    design = lb.design(model, recovered, tests=6, forces_N=(36.0, 742.0), augment=True)
+    expected = lb.analysis.forecast_plan(model, design.plan(), machines=64).expected
     for name, entry in expected.items():
-        assert entry.untruncated_sd <= 1.01 * known[name], name
-        assert entry.sd <= 1.01 * known[name], name
+        assert entry.untruncated_sd <= 1.01 * sd_of_pilot[name], name
+        assert entry.sd <= 1.01 * sd_of_pilot[name], name
 
 
 def test_very_many_planned_circles_do_not_repeat_those_already_run(clockwise: lb.Campaign) -> None:
@@ -315,8 +315,8 @@ def test_a_design_of_six(six: lb.analysis.Design, pilot: lb.Campaign) -> None:
 
 def test_intervals_of_equal_width_are_called_as_wide(six: lb.analysis.Design) -> None:
     against = f"Expected intervals against {six.compared[0].name}: "
-    alike = replace(six, expected=six.baseline)
-    assert f"{against}as wide for every parameter." in design_sentences(alike)
+    as_wide = replace(six, expected=six.baseline)
+    assert f"{against}as wide for every parameter." in design_sentences(as_wide)
     half = replace(six.baseline["C_XXX"], sd=0.5 * six.baseline["C_XXX"].sd)
     sentences = design_sentences(replace(six, expected={**six.baseline, "C_XXX": half}))
     (sentence,) = [text for text in sentences if text.startswith(against)]
@@ -556,17 +556,17 @@ def test_slope_priors_that_analyses_will_use(pilot: lb.Campaign) -> None:
     assert not added[:, [p.group != "slope" for p in bound.parameters]].any()
     forecast = (added + 1.0) ** -0.5
 
-    found = []
+    ratios = []
     for k, (beta, phi) in enumerate(zip(states.beta, states.phi, strict=True)):
         machine = dict(zip(bound.names, beta.tolist(), strict=True))
         scales_um = dict(zip(bound.hyper_prior.names, (1e3 * phi).tolist(), strict=False))
         names = {name: scales_um[name] for name in ("sigma", "delta", "kappa", "tau")}
         readings = model.simulate(new, seed=k, parameters=machine, hyper_um=names).campaign
-        found.append(model.bind(readings).prior_sd / bound.prior_sd)
+        ratios.append(model.bind(readings).prior_sd / bound.prior_sd)
     levels = [0.1, 0.5, 0.9]
     for name, least_spread in (("C_XXX_1", 1.1), ("C_CXY_1", 1.3), ("C_CCY_1", 1.3)):
         slope = bound.names.index(name)
-        expected = np.quantile(np.array(found)[:, slope], levels)
+        expected = np.quantile(np.array(ratios)[:, slope], levels)
         assert expected[2] > least_spread * expected[0]
         np.testing.assert_allclose(np.quantile(forecast[:, slope], levels), expected, rtol=0.1)
 
@@ -585,8 +585,8 @@ def test_the_prior_beside_a_forecast_is_that_of_the_analysis_to_come(pilot: lb.C
         readings = model.simulate(new, seed=k, parameters=machine).campaign
         priors.append(model.bind(readings).prior_sd)
     slopes = [k for k, parameter in enumerate(bound.parameters) if parameter.group == "slope"]
-    others = [k for k in range(len(bound.names)) if k not in slopes]
-    np.testing.assert_allclose(analyses.prior_sd[others], bound.prior_sd[others])
+    not_slopes = [k for k in range(len(bound.names)) if k not in slopes]
+    np.testing.assert_allclose(analyses.prior_sd[not_slopes], bound.prior_sd[not_slopes])
     medians = np.median(priors, axis=0)
     np.testing.assert_allclose(analyses.prior_sd[slopes], medians[slopes], rtol=0.15)
     expected = forecast_plan(model, new, analyses=analyses).expected
@@ -908,10 +908,10 @@ def test_offsets_of_a_setup_without_planned_circles_are_shown_by_none(
     again = [replace(test, setup=2, name=f"{test.name} again") for test in pilot.tests[:2]]
     twice = replace(pilot, tests=(*pilot.tests, *again))
     constant = lb.HybridModel.first(0)
-    found = lb.design(constant, twice, tests=4, forces_N=THREE, augment=augment)
-    assert found.limits.not_shown == ("E_Xt0_2", "E_Yt0_2")
-    assert not set(found.limits.shared) & set(found.limits.not_shown)
-    assert "No circle of this plan shows E_Xt0_2 and E_Yt0_2." in design_sentences(found)
+    design = lb.design(constant, twice, tests=4, forces_N=THREE, augment=augment)
+    assert design.limits.not_shown == ("E_Xt0_2", "E_Yt0_2")
+    assert not set(design.limits.shared) & set(design.limits.not_shown)
+    assert "No circle of this plan shows E_Xt0_2 and E_Yt0_2." in design_sentences(design)
 
 
 def test_a_plan_in_the_setup_of_its_pilot_shows_every_parameter(six: lb.analysis.Design) -> None:

@@ -73,9 +73,9 @@ def test_the_quick_forecast_is_the_mean_of_the_exact_variances_given_the_scales(
 def test_distances_after_one_more_circle_are_those_of_the_longer_campaigns(family):
     counts = np.array([1, 0, 1, 0, 0, 1, 0, 0])
     quick = family.quick
-    after = quick._distances_after(quick._covariance(counts))
+    distances = quick._distances_after(quick._covariance(counts))
     longer = [quick.distance(counts + one) for one in np.eye(len(counts), dtype=int)]
-    np.testing.assert_allclose(after, longer, rtol=1e-9)
+    np.testing.assert_allclose(distances, longer, rtol=1e-9)
 
 
 @pytest.mark.parametrize("circles", [2, 3, 4])
@@ -84,8 +84,8 @@ def test_exchanges_find_the_best_campaign_of_few_circles(family, circles):
     for chosen in combinations_with_replacement(range(8), circles):
         distances.append(family.quick.distance(np.bincount(chosen, minlength=8)))
     none = np.zeros(8, dtype=int)
-    found = family.quick.distance(family.quick.best_counts(circles, none))
-    assert found == pytest.approx(min(distances), abs=1e-9)
+    by_exchanges = family.quick.distance(family.quick.best_counts(circles, none))
+    assert by_exchanges == pytest.approx(min(distances), abs=1e-9)
 
 
 @pytest.mark.slow
@@ -127,14 +127,14 @@ def test_plans_come_with_rising_prices(cheapest):
 def test_identify_of_the_written_plan_states_the_forecast_to_the_digit(cheapest, tmp_path):
     lb.write_campaign(cheapest.plan(), tmp_path / "plan")
     plan = lb.read_campaign(tmp_path / "plan")
-    found = lb.identify(MODEL, plan).parameters
+    stated = lb.identify(MODEL, plan).parameters
     for name, expected in cheapest.best.expected.items():
-        assert found[name].sd == expected.sd
+        assert stated[name].sd == expected.sd
 
 
 @pytest.mark.slow
 def test_identify_of_a_certified_plan_states_the_forecast_to_the_digit(tmp_path):
-    found = lb.design(
+    design = lb.design(
         MODEL,
         PILOT,
         goals={"E_C0YX": "25 µrad"},
@@ -142,11 +142,11 @@ def test_identify_of_a_certified_plan_states_the_forecast_to_the_digit(tmp_path)
         clockings_deg=((0.0, 0.0),),
         certificates={"balls G10": 300.0},
     )
-    assert found.best.certificates == ("balls of grade G10",)
-    lb.write_campaign(found.plan(), tmp_path / "plan")
+    assert design.best.certificates == ("balls of grade G10",)
+    lb.write_campaign(design.plan(), tmp_path / "plan")
     plan = lb.read_campaign(tmp_path / "plan")
     stated = lb.identify(MODEL, plan).parameters["E_C0YX"].sd
-    assert stated == found.best.expected["E_C0YX"].sd
+    assert stated == design.best.expected["E_C0YX"].sd
 
 
 def test_customary_campaigns_run_both_directions_without_turning_the_balls(cheapest):
@@ -172,31 +172,31 @@ def test_our_plan_beats_what_is_done_today(cheapest):
 
 
 def test_a_goal_that_circles_cannot_reach_names_what_holds_it_and_the_certificate():
-    found = lb.design(MODEL, PILOT, goals={"C_XXX": "5 %"})
-    obstacle = found.obstacles["C_XXX"]
-    assert found.unreachable == ("C_XXX",)
-    assert found.plans == ()
+    design = lb.design(MODEL, PILOT, goals={"C_XXX": "5 %"})
+    obstacle = design.obstacles["C_XXX"]
+    assert design.unreachable == ("C_XXX",)
+    assert design.plans == ()
     assert obstacle.held_by == "Mount"
     assert obstacle.certificate == "mount ± 2 %"
     assert obstacle.U_with_certificate < obstacle.U_floor
-    assert "no number of circles brings U below" in text_of(found)
+    assert "no number of circles brings U below" in text_of(design)
 
 
 @pytest.mark.slow
 def test_what_to_ask_for_instead_of_a_goal_out_of_reach_is_in_reach():
-    found = lb.design(MODEL, PILOT, goals={"C_XXX": "5 %"}, directions=("CW", "CCW"))
-    asked = re.search(r"Ask for ([0-9.]+ nm/N) or more", text_of(found)).group(1)
+    design = lb.design(MODEL, PILOT, goals={"C_XXX": "5 %"}, directions=("CW", "CCW"))
+    asked = re.search(r"Ask for ([0-9.]+ nm/N) or more", text_of(design)).group(1)
     again = lb.design(MODEL, PILOT, goals={"C_XXX": asked}, directions=("CW", "CCW"))
     assert again.all_reached
 
 
 def test_a_goal_that_the_pilot_meets_needs_nothing():
-    found = lb.design(MODEL, PILOT, goals={"C_XXX": "30 %"})
-    assert found.goals["C_XXX"].met_by_pilot
-    assert found.all_reached
-    assert found.plans == ()
-    assert "nothing is needed: C_XXX" in text_of(found)
-    assert "U now is not above what is wanted" in " ".join(text_of(found).split())
+    design = lb.design(MODEL, PILOT, goals={"C_XXX": "30 %"})
+    assert design.goals["C_XXX"].met_by_pilot
+    assert design.all_reached
+    assert design.plans == ()
+    assert "nothing is needed: C_XXX" in text_of(design)
+    assert "U now is not above what is wanted" in " ".join(text_of(design).split())
 
 
 @pytest.fixture(scope="module")
@@ -215,12 +215,12 @@ def test_a_goal_that_hangs_on_the_true_value_is_not_met_already(hardly_met):
 
 
 def test_design_and_next_state_one_probability_that_a_goal_is_met(hardly_met):
-    goals, found = hardly_met
+    goals, design = hardly_met
     step = lb.analysis.next_circle(MODEL, PILOT, goals=goals)
-    stated = found.goals["C_XXX"]
+    stated = design.goals["C_XXX"]
     assert 0.4 < stated.probability < 0.7
     assert stated.probability == step.goals["C_XXX"].probability
-    assert f"enough on {100.0 * stated.probability:.0f} % of" in " ".join(text_of(found).split())
+    assert f"enough on {100.0 * stated.probability:.0f} % of" in " ".join(text_of(design).split())
 
 
 def test_a_goal_is_met_already_by_the_fit_that_next_stops_with():
@@ -230,45 +230,45 @@ def test_a_goal_is_met_already_by_the_fit_that_next_stops_with():
     now = lb.analysis.next_circle(MODEL, PILOT, goals={"C_YYY": "30 %"}, **options).goals["C_YYY"]
     limit = 0.5e6 * (now.U_of_fit + now.U)
     options["goals"] = {"C_YYY": f"{limit:.3f} nm/N"}
-    found = lb.design(MODEL, PILOT, **options)
+    design = lb.design(MODEL, PILOT, **options)
     assert now.U_of_fit < now.U
     assert lb.analysis.next_circle(MODEL, PILOT, **options).goals["C_YYY"].probability == 1.0
-    assert found.goals["C_YYY"].met_by_pilot
-    assert found.goals["C_YYY"].probability == 1.0
-    (row,) = re.findall(r"C_YYY +[\d.]+ +([\d.]+) +met already", text_of(found))
+    assert design.goals["C_YYY"].met_by_pilot
+    assert design.goals["C_YYY"].probability == 1.0
+    (row,) = re.findall(r"C_YYY +[\d.]+ +([\d.]+) +met already", text_of(design))
     assert float(row) == pytest.approx(1e6 * now.U_of_fit, rel=0.01)
-    assert f"it is: C_YYY {1e6 * now.U:.1f} nm/N" in " ".join(text_of(found).split())
+    assert f"it is: C_YYY {1e6 * now.U:.1f} nm/N" in " ".join(text_of(design).split())
 
 
 def test_a_campaign_that_takes_too_long_is_not_offered():
-    found = lb.design(
+    design = lb.design(
         MODEL, PILOT, goals={"E_C0YX": "25 µrad"}, forces_N=FORCES, costs=Costs(hours=0.3)
     )
-    assert found.plans == ()
-    assert found.too_long
-    assert "No campaign within 0.3 h" in text_of(found)
+    assert design.plans == ()
+    assert design.too_long
+    assert "No campaign within 0.3 h" in text_of(design)
 
 
 def test_what_is_too_long_says_how_long_the_cheapest_takes(cheapest):
-    found = lb.design(
+    design = lb.design(
         MODEL, PILOT, goals={"E_C0YX": "25 µrad"}, forces_N=FORCES, costs=Costs(hours=0.3)
     )
-    assert found.without_limit.minutes == cheapest.best.minutes
-    assert found.without_limit.circles == cheapest.best.circles
-    assert f"takes {cheapest.best.minutes / 60.0:.1f} h" in " ".join(text_of(found).split())
+    assert design.without_limit.minutes == cheapest.best.minutes
+    assert design.without_limit.circles == cheapest.best.circles
+    assert f"takes {cheapest.best.minutes / 60.0:.1f} h" in " ".join(text_of(design).split())
 
 
 @pytest.mark.slow
 def test_no_campaign_buys_a_certificate_that_saves_no_time():
     offers = {"bar": 150.0, "balls G10": 300.0}
-    found = lb.design(
+    design = lb.design(
         MODEL, PILOT, goals={"E_C0YX": "25 µrad"}, forces_N=FORCES, certificates=offers
     )
-    assert len(found.plans) == 3
-    for dearer in found.plans[1:]:
-        for cheaper in found.plans:
-            more = set(dearer.certificates) > set(cheaper.certificates)
-            assert not more or dearer.minutes < cheaper.minutes
+    assert len(design.plans) == 3
+    for dearer in design.plans[1:]:
+        for cheaper in design.plans:
+            has_more_certificates = set(dearer.certificates) > set(cheaper.certificates)
+            assert not has_more_certificates or dearer.minutes < cheaper.minutes
 
 
 def test_the_record_survives_json(cheapest):
@@ -291,17 +291,17 @@ def test_a_goal_just_below_what_remains_reads_as_less_than_it():
     """Of 5.43 and 5.40 two digits would be the same."""
     far = lb.design(MODEL, PILOT, goals={"E_C0YX": "1e-3 µrad"}, forces_N=FORCES)
     goal = 0.999 * far.obstacles["E_C0YX"].U_floor
-    found = lb.design(MODEL, PILOT, goals={"E_C0YX": goal}, forces_N=FORCES)
+    design = lb.design(MODEL, PILOT, goals={"E_C0YX": goal}, forces_N=FORCES)
     pattern = r"brings U below ([\d.]+) µrad; ([\d.]+) µrad is wanted"
-    (numbers,) = re.findall(pattern, " ".join(text_of(found).split()))
+    (numbers,) = re.findall(pattern, " ".join(text_of(design).split()))
     floor, wanted = map(float, numbers)
     assert floor > wanted
 
 
 def test_what_remains_is_above_a_goal_in_percent_as_it_is_stated():
-    found = lb.design(MODEL, PILOT, goals={"C_XXX": "5 %"}, forces_N=FORCES)
-    assert found.obstacles["C_XXX"].U_floor > found.goals["C_XXX"].limit_U
-    assert "C_XXX: wanted is 5 % of " in text_of(found)
+    design = lb.design(MODEL, PILOT, goals={"C_XXX": "5 %"}, forces_N=FORCES)
+    assert design.obstacles["C_XXX"].U_floor > design.goals["C_XXX"].limit_U
+    assert "C_XXX: wanted is 5 % of " in text_of(design)
 
 
 def test_a_design_states_the_u_that_the_next_circle_states():
@@ -336,8 +336,8 @@ def test_forty_circles_do_not_beat_what_no_number_of_circles_is_said_to_beat():
     """That C_CCY is not negative narrows it, which the quick forecast leaves out."""
     options = {"forces_N": FORCES, "directions": ("CW",), "augment": True}
     forty = lb.design(MODEL, PILOT, tests=40, parameters=["C_CCY"], **options)
-    found = lb.design(MODEL, PILOT, goals={"C_CCY": "0.01 µrad/(N m)"}, **options)
-    assert found.obstacles["C_CCY"].U_floor < 2.0 * forty.expected["C_CCY"].sd
+    design = lb.design(MODEL, PILOT, goals={"C_CCY": "0.01 µrad/(N m)"}, **options)
+    assert design.obstacles["C_CCY"].U_floor < 2.0 * forty.expected["C_CCY"].sd
 
 
 @pytest.mark.parametrize("directed", [True, False])
@@ -345,9 +345,9 @@ def test_where_hysteresis_holds_a_goal_both_directions_are_named(directed):
     pilot = PILOT
     if not directed:
         pilot = replace(pilot, tests=tuple(replace(test, direction=None) for test in pilot.tests))
-    found = lb.design(MODEL, pilot, goals={"E_C0YX": "1e-3 µrad"}, forces_N=FORCES)
-    is_named = "--directions both" in " ".join(text_of(found).split())
-    assert is_named == (found.obstacles["E_C0YX"].held_by == "Hysteresis") == (not directed)
+    design = lb.design(MODEL, pilot, goals={"E_C0YX": "1e-3 µrad"}, forces_N=FORCES)
+    is_named = "--directions both" in " ".join(text_of(design).split())
+    assert is_named == (design.obstacles["E_C0YX"].held_by == "Hysteresis") == (not directed)
 
 
 @pytest.mark.parametrize(
@@ -377,9 +377,9 @@ def test_flat_priors_are_refused():
 
 @pytest.mark.slow
 def test_a_plan_without_readings_may_be_the_pilot():
-    found = lb.design(MODEL, replace(PILOT.plan()), goals={"E_C0YX": "60 µrad"}, forces_N=FORCES)
-    assert not found.measured
-    assert not found.goals["E_C0YX"].met_by_pilot
+    design = lb.design(MODEL, replace(PILOT.plan()), goals={"E_C0YX": "60 µrad"}, forces_N=FORCES)
+    assert not design.measured
+    assert not design.goals["E_C0YX"].met_by_pilot
 
 
 @pytest.fixture(scope="module")
@@ -411,11 +411,11 @@ def test_a_goal_that_no_campaign_reaches_is_named_first(just_missed):
 def test_goals_beside_a_near_miss_still_get_a_campaign(just_missed):
     floor = just_missed.goals["E_C0YX"].limit_U
     goals = {"E_C0YX": floor, "C_XYX": "2 nm/N"}
-    found = lb.design(MODEL, PILOT, goals=goals, forces_N=FORCES)
-    assert list(found.near_misses) == ["E_C0YX"]
-    assert list(found.best.goals) == ["C_XYX"]
-    assert not found.all_reached
-    text = " ".join(text_of(found).split())
+    design = lb.design(MODEL, PILOT, goals=goals, forces_N=FORCES)
+    assert list(design.near_misses) == ["E_C0YX"]
+    assert list(design.best.goals) == ["C_XYX"]
+    assert not design.all_reached
+    text = " ".join(text_of(design).split())
     assert text.startswith("Out of reach, for the reasons below: E_C(0Y)X. Run ")
     assert "The other goals are met" in text
 
@@ -424,17 +424,17 @@ def test_goals_beside_a_near_miss_still_get_a_campaign(just_missed):
 def test_what_the_plan_leaves_of_a_goal_out_of_reach_is_stated():
     """By the forecast of the plan, beside the goals that it reaches, and in the file."""
     goals = {"E_C0YX": "1e-3 µrad", "C_XYX": "2 nm/N"}
-    found = lb.design(MODEL, PILOT, goals=goals, forces_N=FORCES)
-    assert found.unreachable == ("E_C0YX",)
-    left = found.unreached["E_C0YX"]
-    expected = found.best.expected["E_C0YX"]
-    assert (left.U, left.likely_U) == (2.0 * expected.sd, 2.0 * expected.likely_sd)
-    assert left.probability == 0.0
-    assert left.averaged_U > 0.0
-    (row,) = re.findall(r"E_C\(0Y\)X +[\d.]+ +[\d.]+ +([\d.]+) +not reached", text_of(found))
-    assert float(row) == pytest.approx(1e6 * left.U, rel=0.05)
-    assert GoalDesign.from_dict(found.as_dict()).unreached == found.unreached
-    older = found.as_dict()
+    design = lb.design(MODEL, PILOT, goals=goals, forces_N=FORCES)
+    assert design.unreachable == ("E_C0YX",)
+    unreached = design.unreached["E_C0YX"]
+    expected = design.best.expected["E_C0YX"]
+    assert (unreached.U, unreached.likely_U) == (2.0 * expected.sd, 2.0 * expected.likely_sd)
+    assert unreached.probability == 0.0
+    assert unreached.averaged_U > 0.0
+    (row,) = re.findall(r"E_C\(0Y\)X +[\d.]+ +[\d.]+ +([\d.]+) +not reached", text_of(design))
+    assert float(row) == pytest.approx(1e6 * unreached.U, rel=0.05)
+    assert GoalDesign.from_dict(design.as_dict()).unreached == design.unreached
+    older = design.as_dict()
     del older["unreached"]
     assert GoalDesign.from_dict(older).unreached == {}
 
@@ -455,12 +455,12 @@ def test_a_campaign_is_judged_on_fresh_machines_too(family):
 
 
 @pytest.mark.parametrize(
-    ("met", "probability", "reached"),
+    ("successes", "probability", "reached"),
     [(58, 0.9, False), (59, 0.9, True), (63, 0.99, False), (64, 0.99, True)],
 )
-def test_the_probability_is_that_of_one_more_machine(met, probability, reached):
+def test_the_probability_is_that_of_one_more_machine(successes, probability, reached):
     """Of 64 machines and one more, the new one is the worst with probability 1/65."""
-    u = np.where(np.arange(64) < met, 1e-6, 3e-6)[:, None]
+    u = np.where(np.arange(64) < successes, 1e-6, 3e-6)[:, None]
     stated = StatedByMachines(("C_XXX",), np.full((64, 1), 5e-5), u)
     campaign = JudgedCampaign(None, (), None, None, stated)
     goals = {"C_XXX": Goal("C_XXX", "mm/N", absolute=4e-6)}

@@ -23,14 +23,14 @@ def test_machines_have_the_moments_of_the_posterior() -> None:
     plan = lb.design(MODEL, PILOT, tests=4, forces_N=(36.0, 742.0)).plan()
     estimates = present_estimates(Evidences(PILOT).of(MODEL)[0])
     column = MODEL.bind(PILOT).names.index("C_XXX")
-    drawn = []
+    values = []
     for seed in range(100):
         machine = draw_machine_like_pilot(MODEL, plan, seed)
         assert machine is not None
-        drawn.append(machine.parameters["C_XXX"])
+        values.append(machine.parameters["C_XXX"])
     standard_error = estimates.sd[column] / 10.0
-    assert abs(np.mean(drawn) - estimates.mean[column]) < 4.0 * standard_error
-    np.testing.assert_allclose(np.std(drawn), estimates.sd[column], rtol=0.3)
+    assert abs(np.mean(values) - estimates.mean[column]) < 4.0 * standard_error
+    np.testing.assert_allclose(np.std(values), estimates.sd[column], rtol=0.3)
 
 
 @pytest.mark.slow
@@ -145,14 +145,14 @@ def test_parameters_that_the_pilot_lacks_are_drawn_from_the_prior() -> None:
     plan = replace(in_planes("XY", "YZ"), pilot=run(in_planes("XY")))
     model = MODEL.with_prior(E_A0YZ=(0.0, 1e-3))
     names = model.bind(plan).names
-    drawn = []
+    values = []
     for seed in range(4):
         machine = draw_machine_like_pilot(model, plan, seed)
         assert machine is not None
         assert set(machine.parameters) == set(names)
         assert 0.0 <= machine.parameters["C_XXX"] < STIFF_MM_PER_N
-        drawn.append(machine.parameters["C_ZZZ"])
-    assert max(drawn) > STIFF_MM_PER_N
+        values.append(machine.parameters["C_ZZZ"])
+    assert max(values) > STIFF_MM_PER_N
 
 
 def test_a_machine_has_its_compliances_at_the_reference_force_of_the_plan() -> None:

@@ -110,8 +110,8 @@ def _dense(objective: Objective, k: int, candidates: list[int]) -> np.ndarray:
 def test_covariances_after_a_circle_are_those_of_the_summed_precision(
     objective: Objective,
 ) -> None:
-    after = CandidateCovariances(objective).after()
-    assert np.allclose(after[1, 2], _dense(objective, 1, [2]), rtol=1e-10)
+    covariances = CandidateCovariances(objective).after()
+    assert np.allclose(covariances[1, 2], _dense(objective, 1, [2]), rtol=1e-10)
 
 
 def test_a_circle_that_was_run_counts(objective: Objective) -> None:
@@ -137,8 +137,10 @@ def test_where_circles_scatter_alike_the_covariances_are_those_of_any_circle(
     phi = prior.quantile(np.full((1, len(prior.names)), 0.5))
     objective = objective_of(bound, run, phi, bound.names, Determinant(len(bound.names)))
     expected = CandidateCovariances(objective).after()[0, 1]
-    found = covariances_with_scatter(bound, run, 1, phi)
-    assert found == pytest.approx(np.broadcast_to(expected, found.shape), rel=1e-6, abs=1e-9)
+    covariances = covariances_with_scatter(bound, run, 1, phi)
+    assert covariances == pytest.approx(
+        np.broadcast_to(expected, covariances.shape), rel=1e-6, abs=1e-9
+    )
 
 
 def test_the_distance_from_an_uncertainty_is_zero_at_the_target() -> None:
@@ -241,13 +243,15 @@ def test_a_decision_is_that_of_the_sheets_where_both_directions_may_be_run(
 def test_odds_are_those_of_a_report_where_both_directions_may_be_run(recovered: Campaign) -> None:
     """Hysteresis of both directions, which only further circles can show, moved them."""
     step = next_circle(MODEL, recovered, directions=("CW", "CCW"), forces_N=(36.0, 742.0))
-    alone = next_circle(MODEL, recovered, forces_N=(36.0, 742.0))
+    step_of_one_direction = next_circle(MODEL, recovered, forces_N=(36.0, 742.0))
     assert step.model is not None
-    assert alone.model is not None
+    assert step_of_one_direction.model is not None
     models = {"constant": MODEL.with_degree(0), "linear": MODEL}
     stated = compare_explanations(models, Evidences(recovered, tolerance=0.2)).averaged
     assert step.model.log_bayes_factor == pytest.approx(stated.log_bayes_factor, abs=1e-3)
-    assert step.model.log_bayes_factor == pytest.approx(alone.model.log_bayes_factor, abs=1e-12)
+    assert step.model.log_bayes_factor == pytest.approx(
+        step_of_one_direction.model.log_bayes_factor, abs=1e-12
+    )
 
 
 def undecided(
@@ -277,14 +281,14 @@ def test_an_aim_is_reached_by_the_decision_of_the_sheets() -> None:
     aim = UncertaintyAim(np.array([1.0]), target=0.6, inflation=1.0, is_reached=False)
     state = ToleranceState(forecast, mean=0.0, sd=0.8, aim=aim).with_sheets(signed)
     assert state.aim.is_reached
-    left = np.array([[[0.25]]])
-    found = state.so_far(left, left, left)
-    assert found.decided
-    assert found.now == signed
+    variance = np.array([[[0.25]]])
+    progress = state.so_far(variance, variance, variance)
+    assert progress.decided
+    assert progress.now == signed
     # The forecast starts from u = 0.8: the next estimate scatters by √(0.8² − 0.5²) about 0.
     edges = 1.0 + np.array([-1.0, 1.0]) * ndtri(0.95) * 0.5
     below, above = norm(0.0, np.sqrt(0.8**2 - 0.5**2)).cdf(edges)
-    assert found.decided_next == pytest.approx(below + 1.0 - above)
+    assert progress.decided_next == pytest.approx(below + 1.0 - above)
 
 
 @pytest.mark.slow
@@ -352,7 +356,7 @@ def test_the_probability_of_a_decision_on_a_tolerance_is_that_of_simulated_estim
     aim = UncertaintyAim(np.array([1.0]), target=0.5, inflation=1.0, is_reached=False)
     left_u = np.array([0.2, 0.6])
     scattering = (left_u**2).reshape(2, 1, 1)
-    found = ToleranceState(now, 0.8, 1.0, aim).so_far(scattering[:1], scattering[:1], scattering)
+    progress = ToleranceState(now, 0.8, 1.0, aim).so_far(scattering[:1], scattering[:1], scattering)
 
     rng = np.random.default_rng(3)
     u = rng.choice(left_u, 200_000)
@@ -363,7 +367,7 @@ def test_the_probability_of_a_decision_on_a_tolerance_is_that_of_simulated_estim
     if upper is not None:
         conforms &= estimate <= upper - guard_band
         fails |= estimate >= upper + guard_band
-    assert found.decided_next == pytest.approx(float((conforms | fails).mean()), abs=4e-3)
+    assert progress.decided_next == pytest.approx(float((conforms | fails).mean()), abs=4e-3)
 
 
 def test_the_floor_is_below_what_is_expected_next(step: NextCircle) -> None:
@@ -558,8 +562,8 @@ def test_a_campaign_stops_by_the_u_that_its_fit_states(recovered: Campaign, fact
     the two is met, or is not, as the fit says."""
     options = {"directions": ("CW", "CCW"), "forces_N": (36.0, 742.0)}
     name = "E_Xt0"
-    before = next_circle(MODEL, recovered, goals={name: "1 mm"}, tolerances={}, **options)
-    goal = before.goals[name]
+    first_step = next_circle(MODEL, recovered, goals={name: "1 mm"}, tolerances={}, **options)
+    goal = first_step.goals[name]
     assert goal.U_of_fit is not None
     fitted_sd = lb.identify(MODEL, recovered).parameters[name].sd
     assert goal.U_of_fit == pytest.approx(2.0 * fitted_sd, rel=0.02)
@@ -581,8 +585,8 @@ def test_planes_that_are_foreseen_are_weighed_too() -> None:
     other plane is in it."""
     planned = plan_of_three_planes()
     run = planned.select([test.name for test in planned.tests if test.plane == "XY"])
-    others = tuple(test for test in planned.tests if test.plane == "YZ")
-    nine_angles = tuple(replace(test, angle_deg=np.arange(9) * 40.0) for test in others)
+    tests_in_yz = tuple(test for test in planned.tests if test.plane == "YZ")
+    nine_angles = tuple(replace(test, angle_deg=np.arange(9) * 40.0) for test in tests_in_yz)
     campaign = replace(simulated(run), foreseen=nine_angles)
     options = {"goals": {"E_A0YZ": "60 µrad"}, "tolerances": {}, "forces_N": (100.0, 600.0)}
     step = next_circle(MODEL, campaign, **options)

@@ -169,8 +169,8 @@ def test_one_more_test_against_dense_precision(
     prior = np.array([np.eye(5), 2.0 * np.eye(5)]) if known_before else np.zeros((2, 5, 5))
     counts = np.array([1.0, 0.0, 2.0, 0.0, 0.0, 1.0, 0.0])
     chosen = np.array([6, 1, 2])
-    found = Objective(rows, prior, interest, criterion).after_adding(counts, chosen)
-    for added, value in zip(chosen, found, strict=True):
+    scores = Objective(rows, prior, interest, criterion).after_adding(counts, chosen)
+    for added, value in zip(chosen, scores, strict=True):
         runs = counts.copy()
         runs[added] += 1.0
         expected = []
