@@ -38,8 +38,8 @@ def budget(name: str, *lines: Contribution) -> Budget:
 
 
 def named(*budgets: Budget) -> dict[str, Any]:
-    found = deciding_assumptions({entry.parameter: entry for entry in budgets})
-    return {assumption.term: assumption for assumption in found}
+    assumptions = deciding_assumptions({entry.parameter: entry for entry in budgets})
+    return {assumption.term: assumption for assumption in assumptions}
 
 
 def test_an_effect_below_five_per_cent_decides_nothing() -> None:

@@ -131,9 +131,9 @@ def test_models_of_an_average_have_its_draws(
     assert sum(model.probability for model in models) == pytest.approx(1.0)
     assert sum(len(model.beta) for model in models) == 2000
     described = record_of(averaged)["averaged"]["models"]
-    drawn = np.unique(averaged["sample_stats"]["model"].to_numpy())
-    assert len(models) == len(drawn)
-    for index, model in zip(drawn.tolist(), models, strict=True):
+    indices = np.unique(averaged["sample_stats"]["model"].to_numpy())
+    assert len(models) == len(indices)
+    for index, model in zip(indices.tolist(), models, strict=True):
         assert tuple(described[index]["rivals"]) == model.bound.model.rivals
         is_linear = described[index]["model"] == "linear"
         assert ("C_XXX_1" in model.bound.names) is is_linear
@@ -167,12 +167,12 @@ def shares_by_hand(models: list[AveragedModel], name: str, place: int) -> dict[s
         shares[MODEL_CHOICE] += model.probability * (draws.mean() - mean) ** 2
         if name not in model.bound.names:
             continue
-        alone = judge_parameters(
+        verdicts = judge_parameters(
             model.bound,
             information_of(model.bound, model.phi.mean(axis=0)),
             model.bound.prior_mean,
         )[name]
-        for term, share in alone.shares.items():
+        for term, share in verdicts.shares.items():
             weighted = model.probability * draws.var() * share
             shares[term] = shares.get(term, 0.0) + weighted
     variance = np.concatenate([model.beta[:, place] for model in models]).var()
@@ -233,13 +233,13 @@ def test_a_known_term_leaves_the_spread_between_models(
     entry = verdicts["C_XXX"]
     remaining = entry.shares[MODEL_CHOICE] * entry.sd**2
     for model in models:
-        alone = judge_parameters(
+        of_model = judge_parameters(
             model.bound,
             information_of(model.bound, model.phi.mean(axis=0)),
             model.bound.prior_mean,
             SampledSd(model.bound.prior_sd, model.sd[model.places]),
         )["C_XXX"]
-        unknown = 1.0 - alone.confounding["Mount"]
+        unknown = 1.0 - of_model.confounding["Mount"]
         remaining += model.probability * unknown * model.sd[0] ** 2
     assert 1.0 - entry.confounding["Mount"] == pytest.approx(remaining / entry.sd**2)
 

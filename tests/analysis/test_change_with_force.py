@@ -50,14 +50,16 @@ def contact_campaign(share: tuple[float, float], compliance: tuple[float, float]
     nominal = RADIUS_MM * np.array([np.cos(angle), np.sin(angle)])
     tests = []
     for force_N in (36.0, 112.0, 238.0, 389.0, 565.0, 742.0):
-        moved = np.zeros_like(nominal)
+        displacement = np.zeros_like(nominal)
         for _ in range(6):
-            place = nominal + moved
+            place = nominal + displacement
             load_N = force_N * place / np.hypot(*place)
             for k in range(2):
                 contact_N = np.sign(load_N[k]) * np.cbrt(load_N[k] ** 2 * MIDDLE_N)
-                moved[k] = compliance[k] * ((1.0 - share[k]) * load_N[k] + share[k] * contact_N)
-        reading_um = (np.hypot(*(nominal + moved)) - RADIUS_MM) * 1e3
+                displacement[k] = compliance[k] * (
+                    (1.0 - share[k]) * load_N[k] + share[k] * contact_N
+                )
+        reading_um = (np.hypot(*(nominal + displacement)) - RADIUS_MM) * 1e3
         noise_um = rng.normal(0.0, 0.2, len(angle))
         tests.append(lb.CircularTest(force_N, np.rad2deg(angle), reading_um + noise_um))
     return lb.Campaign(tuple(tests), mount=lb.campaign.MountCompensation(compensated=True))
@@ -87,31 +89,31 @@ def test_without_joint_load_it_is_the_slope_times_the_span(
     at_middle = draws_of(posterior, name)
     slope = draws_of(posterior, f"{name}_1")
     expected = slope * SPAN_N
-    found = lb.analysis.change_with_force(posterior, prob=0.9)[name]
-    assert found.change.mean == pytest.approx(expected.mean(), rel=1e-9)
-    assert found.change.sd == pytest.approx(expected.std(ddof=1), rel=1e-9)
-    assert found.change.interval == pytest.approx(np.quantile(expected, [0.05, 0.95]), rel=1e-9)
-    assert found.probability_of_increase == np.mean(slope > 0.0)
-    assert found.probability_of_decrease == np.mean(slope < 0.0)
+    entry = lb.analysis.change_with_force(posterior, prob=0.9)[name]
+    assert entry.change.mean == pytest.approx(expected.mean(), rel=1e-9)
+    assert entry.change.sd == pytest.approx(expected.std(ddof=1), rel=1e-9)
+    assert entry.change.interval == pytest.approx(np.quantile(expected, [0.05, 0.95]), rel=1e-9)
+    assert entry.probability_of_increase == np.mean(slope > 0.0)
+    assert entry.probability_of_decrease == np.mean(slope < 0.0)
     at_smallest = at_middle + slope * (SMALLEST_N - MIDDLE_N)
-    assert found.at_smallest.mean == pytest.approx(at_smallest.mean(), rel=1e-9)
+    assert entry.at_smallest.mean == pytest.approx(at_smallest.mean(), rel=1e-9)
     at_largest = at_middle + slope * (LARGEST_N - MIDDLE_N)
-    assert found.at_largest.interval == pytest.approx(np.quantile(at_largest, [0.05, 0.95]))
-    assert found.at_reference.median == pytest.approx(np.median(at_middle), rel=1e-9)
+    assert entry.at_largest.interval == pytest.approx(np.quantile(at_largest, [0.05, 0.95]))
+    assert entry.at_reference.median == pytest.approx(np.median(at_middle), rel=1e-9)
 
 
 def test_relative_is_the_ratio_of_each_draw(posterior: xr.DataTree) -> None:
     ratio = draws_of(posterior, "C_CXY_1") * SPAN_N / draws_of(posterior, "C_CXY")
-    found = lb.analysis.change_with_force(posterior)["C_CXY"].relative
-    assert found is not None
-    assert found.median == pytest.approx(np.median(ratio), rel=1e-9)
-    assert found.interval == pytest.approx(np.quantile(ratio, [0.025, 0.975]), rel=1e-9)
+    relative = lb.analysis.change_with_force(posterior)["C_CXY"].relative
+    assert relative is not None
+    assert relative.median == pytest.approx(np.median(ratio), rel=1e-9)
+    assert relative.interval == pytest.approx(np.quantile(ratio, [0.025, 0.975]), rel=1e-9)
 
 
 def test_relative_to_a_compliance_that_may_be_zero_is_not_stated(posterior: xr.DataTree) -> None:
-    found = lb.analysis.change_with_force(posterior, prob=0.999)["C_XYX"]
-    assert found.at_reference.ci_low < 0.0 < found.at_reference.ci_high
-    assert found.relative is None
+    entry = lb.analysis.change_with_force(posterior, prob=0.999)["C_XYX"]
+    assert entry.at_reference.ci_low < 0.0 < entry.at_reference.ci_high
+    assert entry.relative is None
 
 
 # Compliance that one unit of a coefficient of JointLoad adds at a force, by the last part of its
@@ -135,9 +137,9 @@ def test_joint_load_is_in_the_change_of_a_direct_compliance(
         if str(coefficient).startswith(f"joint_load_{axis}_"):
             secant = SECANTS[str(coefficient).rpartition("_")[2]]
             expected += mean * (secant(LARGEST_N) - secant(SMALLEST_N))
-    found = lb.analysis.change_with_force(contact)[name].change
-    error = 4.0 * found.sd / np.sqrt(draws_of(contact, name).size)
-    assert found.mean == pytest.approx(expected, abs=error)
+    change = lb.analysis.change_with_force(contact)[name].change
+    error = 4.0 * change.sd / np.sqrt(draws_of(contact, name).size)
+    assert change.mean == pytest.approx(expected, abs=error)
     assert abs(expected - of_slope) > error, "a test in which joint load counts"
 
 
@@ -150,14 +152,14 @@ def test_at_the_reference_force_joint_load_adds_nothing(posterior: xr.DataTree) 
 
 
 def test_models_without_a_change_count(averaged: xr.DataTree) -> None:
-    found = lb.analysis.change_with_force(averaged)["C_XYX"]
+    entry = lb.analysis.change_with_force(averaged)["C_XYX"]
     slope = draws_of(averaged, "C_XYX_1")
     constant = 1.0 - record_of(averaged)["averaged"]["probability"]["linear"]
-    zero = 1.0 - found.probability_of_increase - found.probability_of_decrease
+    zero = 1.0 - entry.probability_of_increase - entry.probability_of_decrease
     assert zero == pytest.approx(constant, abs=1e-3)
     assert 0.01 < zero < 0.999, "a test in which both models count"
-    assert found.change.mean == pytest.approx(slope.mean() * SPAN_N, rel=1e-9)
-    assert found.change.sd == pytest.approx(slope.std(ddof=1) * SPAN_N, rel=1e-9)
+    assert entry.change.mean == pytest.approx(slope.mean() * SPAN_N, rel=1e-9)
+    assert entry.change.sd == pytest.approx(slope.std(ddof=1) * SPAN_N, rel=1e-9)
 
 
 def test_joint_load_changes_a_compliance_of_the_constant_model(averaged: xr.DataTree) -> None:
@@ -199,11 +201,11 @@ def test_the_change_of_an_exact_contact_machine_is_in_its_interval(contact: xr.D
     for k, name in enumerate(("C_XXX", "C_YYY")):
         secants = np.cbrt(MIDDLE_N / np.array([SMALLEST_N, LARGEST_N]))
         truth = COMPLIANCE[k] * SHARE[k] * (secants[1] - secants[0])
-        found = changes[name]
-        assert found.change.ci_low < truth < found.change.ci_high
-        assert found.probability_of_decrease > 0.95
+        entry = changes[name]
+        assert entry.change.ci_low < truth < entry.change.ci_high
+        assert entry.probability_of_decrease > 0.95
         by_slope = draws_of(contact, f"{name}_1").mean() * SPAN_N
-        assert abs(found.change.mean - truth) < 0.5 * abs(by_slope - truth)
+        assert abs(entry.change.mean - truth) < 0.5 * abs(by_slope - truth)
 
 
 # ---- which compliances change
@@ -250,9 +252,9 @@ def test_prior_draws_have_the_prior_sd_of_the_linear_model(posterior: xr.DataTre
     bound = bound_of(posterior)
     phi = bound.hyper_prior.quantile(np.full((1, len(bound.hyper_prior.names)), 0.5))[0]
     changes = curve_changes(bound, information_of(bound, phi))
-    drawn = prior_changes(posterior)
-    assert list(drawn) == list(changes)
-    for name, draws in drawn.items():
+    draws_by_name = prior_changes(posterior)
+    assert list(draws_by_name) == list(changes)
+    for name, draws in draws_by_name.items():
         assert draws.std() == pytest.approx(np.linalg.norm(changes[name].weights), rel=0.1), name
 
 

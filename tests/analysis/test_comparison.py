@@ -65,8 +65,8 @@ def test_a_second_process_changes_no_number(recovered: lb.Campaign) -> None:
     with process_executor(3) as executor:
         list(executor.map(time.sleep, [2.0] * 3))  # three are at work, so that each takes a part
         shared = lb.compare(models, recovered, tolerance=0.05, executor=executor)
-    alone = lb.compare(models, recovered, tolerance=0.05)
-    assert json_text(shared.as_dict()) == json_text(alone.as_dict())
+    in_one_process = lb.compare(models, recovered, tolerance=0.05)
+    assert json_text(shared.as_dict()) == json_text(in_one_process.as_dict())
 
 
 def test_copied_evidences_keep_what_was_known(recovered: lb.Campaign) -> None:
@@ -320,10 +320,10 @@ def test_a_sign_that_no_assumption_turns(firm: Comparison) -> None:
 def test_the_verdict_stands_before_the_number_that_it_is_about(firm: Comparison) -> None:
     """ln B with none of the other explanations stands last: it has the other sign."""
     averaged = Assumed("averaged", -1.49, 0.02, {"constant": 100.0, "linear": 98.5})
-    alone = Assumed("alone", 2.39, 0.02, {"constant": 97.0, "linear": 99.4})
+    without_rivals = Assumed("alone", 2.39, 0.02, {"constant": 97.0, "linear": 99.4})
     models = (Explained(("joint load",), 100.0, 0.01, 1.0),)
     shares = {"slopes": 0.18, "joint load": 0.98}
-    explained = replace(firm, explanations=Explanations(shares, models, averaged, alone))
+    explained = replace(firm, explanations=Explanations(shares, models, averaged, without_rivals))
     first, *_ = comparison_sentences(explained)
     assert first.startswith(
         "Positive evidence in favour of constant: averaged over joint load, each in the model or"
@@ -413,8 +413,8 @@ def test_models_that_tie_within_their_errors_are_all_named(compared: Comparison)
     assert "most probable: slopes and joint load (0.400)" in text
     assert "Equally probable within the numerical error: joint load." in text
     parted = replace(models[1], log_evidence=99.97)
-    apart = replace(tied.explanations, models=(models[0], parted, models[2]))
-    text = " ".join(comparison_sentences(replace(tied, explanations=apart)))
+    explanations = replace(tied.explanations, models=(models[0], parted, models[2]))
+    text = " ".join(comparison_sentences(replace(tied, explanations=explanations)))
     assert "Equally probable" not in text
 
 

@@ -150,9 +150,13 @@ def test_a_close_decision_states_the_error_of_its_probability() -> None:
         "ci_high": 61.7e-6,
     }
     record |= {"probability_error": 0.006}
-    for probability, shown in ((0.948, "0.948 ± 0.006"), (0.92, "0.920"), (0.055, "0.055 ± 0.006")):
+    for probability, cell_text in (
+        (0.948, "0.948 ± 0.006"),
+        (0.92, "0.920"),
+        (0.055, "0.055 ± 0.006"),
+    ):
         table = conformity_table({"C_XXX": record | {"probability": probability}})
-        assert shown in [cell.strip() for cell in lines_of([table]).split("  ")]
+        assert cell_text in [cell.strip() for cell in lines_of([table]).split("  ")]
 
 
 def test_a_skewed_stiffness_has_the_ends_of_its_interval_beside_it(
@@ -195,16 +199,16 @@ def test_a_stiffness_that_is_infinite_in_its_whole_interval_has_no_ends() -> Non
 
 
 @pytest.mark.parametrize(
-    ("compliance_mean", "shown"), [(40e-6, "≥ 11.2"), (1e-9, "≥ 20.4"), (-60e-6, "∞")]
+    ("compliance_mean", "cell_text"), [(40e-6, "≥ 11.2"), (1e-9, "≥ 20.4"), (-60e-6, "∞")]
 )
 def test_of_a_stiffness_without_an_upper_end_the_lower_one_is_printed(
-    compliance_mean: float, shown: str
+    compliance_mean: float, cell_text: str
 ) -> None:
     """Its value, 1 / C, says nothing where the compliance may be zero: it was −200 ± …"""
     tolerance = lb.analysis.Tolerance(lower=10e3)
     decision = stiffness_conformity("N/mm", compliance_mean, 25e-6, tolerance)
     table = conformity_table({"stiffness_X": decision.as_dict()})
-    assert table.rows[0][1:3] == (shown, "")
+    assert table.rows[0][1:3] == (cell_text, "")
     assert table.rows[0][5] == "–"
     assert "+a / −b" not in table.caption
 
@@ -435,11 +439,11 @@ def test_rough_weights_of_models_are_a_reservation(posterior: Any) -> None:
 
 
 def test_a_stiffness_by_direction_may_have_a_tolerance(posterior: Any) -> None:
-    least = lb.stiffness(posterior, [389.0]).planes[0].least
-    limit = f"{least.median / 1e3} N/um"
+    k_min = lb.stiffness(posterior, [389.0]).planes[0].least
+    limit = f"{k_min.median / 1e3} N/um"
     decision = lb.assess_conformity(posterior, {"k_min": limit})["k_min"]
     assert decision.probability == pytest.approx(0.5, abs=0.01)
-    assert decision.lower == pytest.approx(least.median)
+    assert decision.lower == pytest.approx(k_min.median)
     assert decision.upper is None
 
 

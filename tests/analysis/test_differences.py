@@ -126,15 +126,17 @@ def test_one_instrument_at_the_mean_hyper_parameters(two: tuple[Any, Any]) -> No
     assert ((table["probability_of_increase"] > 0.5) == (table["difference"] > 0.0)).all()
 
 
-def noise_of_tests(parts: list[Any], turns: list[np.ndarray], value: Any) -> list[np.ndarray]:
+def noise_of_tests(
+    column_groups: list[Any], turns: list[np.ndarray], value: Any
+) -> list[np.ndarray]:
     """Covariance of what each test has for itself, one matrix for every test."""
     noises = []
-    for r, own in enumerate(turns):
-        covariance = np.eye(len(own)) * value["sigma"] ** 2
-        for part in parts:
-            if isinstance(part, BasisNoise) or part.private:
-                values = own if isinstance(part, BasisNoise) else own @ part.values[r]
-                scaled = values * part.sd * value[part.hyper]
+    for r, turn in enumerate(turns):
+        covariance = np.eye(len(turn)) * value["sigma"] ** 2
+        for columns in column_groups:
+            if isinstance(columns, BasisNoise) or columns.private:
+                values = turn if isinstance(columns, BasisNoise) else turn @ columns.values[r]
+                scaled = values * columns.sd * value[columns.hyper]
                 covariance = covariance + scaled @ scaled.T
         noises.append(covariance)
     return noises
@@ -155,50 +157,56 @@ def dense(
     lengths = []
     for bound, gain_mean in zip(bounds, gains, strict=True):
         turns = [basis(test.angles_rad()) for test in bound.campaign.tests]
-        designs.append(np.concatenate([own @ bound.interest[r] for r, own in enumerate(turns)]))
+        designs.append(np.concatenate([turn @ bound.interest[r] for r, turn in enumerate(turns)]))
         readings.append(np.concatenate([test.readings_mm() for test in bound.campaign.tests]))
-        parts = [part for term in bound.model.nuisances for part in term.columns(bound.setting)]
-        columns = [part for part in parts if not isinstance(part, BasisNoise) and not part.private]
+        column_groups = [
+            group for term in bound.model.nuisances for group in term.columns(bound.setting)
+        ]
+        columns = [
+            group
+            for group in column_groups
+            if not isinstance(group, BasisNoise) and not group.private
+        ]
         # The part of the bar's length that is common to both campaigns; the rest is below.
         is_certified = bounds[0].campaign.instrument.bar_U_um is not None
         common = {"bar_length": 1.0 if is_certified else 0.5}
-        noises += noise_of_tests(parts, turns, value)
+        noises += noise_of_tests(column_groups, turns, value)
         shared.append(
             [
                 np.concatenate(
                     [
-                        own @ c.values[r] * c.sd * value[c.hyper] * common.get(c.names[0], 1.0)
+                        turn @ c.values[r] * c.sd * value[c.hyper] * common.get(c.names[0], 1.0)
                         for c in columns
                     ],
                     axis=1,
                 )
-                for r, own in enumerate(turns)
+                for r, turn in enumerate(turns)
             ]
         )
         share = 0.75 * (not is_certified)
         (length,) = [c for c in columns if c.names[0] == "bar_length"]
-        constant = np.concatenate([own @ length.values[r] for r, own in enumerate(turns)])
+        constant = np.concatenate([turn @ length.values[r] for r, turn in enumerate(turns)])
         lengths.append(share * length.sd[0] ** 2 * constant @ constant.T)
         expected = []
-        for r, own in enumerate(turns):
-            known = np.zeros(len(own))
+        for r, turn in enumerate(turns):
+            mean = np.zeros(len(turn))
             for c in columns:
                 if c.mean is not None:
-                    known = known + own @ c.values[r] @ c.mean
+                    mean = mean + turn @ c.values[r] @ c.mean
                 if c.names == ("force_gain",):
-                    known = known + own @ c.values[r][:, 0] * gain_mean
-            expected.append(known)
+                    mean = mean + turn @ c.values[r][:, 0] * gain_mean
+            expected.append(mean)
         readings[-1] = readings[-1] - np.concatenate(expected)
-    every = np.concatenate([own for campaign in shared for own in campaign])
+    effects = np.concatenate([turn for campaign in shared for turn in campaign])
     jacobian = block_diag(*designs)
-    covariance = every @ every.T + block_diag(*noises) + block_diag(*lengths)
+    covariance = effects @ effects.T + block_diag(*noises) + block_diag(*lengths)
     prior = np.concatenate([bound.prior_sd for bound in bounds])
     scaled = jacobian * prior
     gain = np.linalg.solve(covariance + scaled @ scaled.T, scaled).T * prior[:, None]
     return gain @ np.concatenate(readings), np.diag(prior**2) - gain @ (jacobian * prior**2)
 
 
-def together(bounds: list[BoundModel]) -> tuple[list[str], JointDifference]:
+def common_difference(bounds: list[BoundModel]) -> tuple[list[str], JointDifference]:
     names = [name for name in bounds[0].names if not name.startswith(("E_Xt", "E_Yt"))]
     return names, joint_difference(
         bounds,
@@ -213,7 +221,7 @@ def test_the_same_instrument(work_deg: float) -> None:
     """Against the dense model of both campaigns at once; with balls turned in one of them, whose
     forms both campaigns share."""
     bounds = [MODEL.bind(campaign_of(1)), MODEL.bind(campaign_of(2, work_deg=work_deg))]
-    names, difference = together(bounds)
+    names, difference = common_difference(bounds)
     mean, covariance = dense([bound.with_two_balls() for bound in bounds] if work_deg else bounds)
     p = len(bounds[0].names)
     for k, name in enumerate(names):
@@ -244,7 +252,7 @@ def test_one_regulator_has_one_slope(slope_N_per_bar: float) -> None:
     s₁ (1 + g) = s₂ (1 + g − ln(s₂/s₁)), g the gain that both share."""
     campaigns = campaign_of(1), with_law(campaign_of(2), slope_N_per_bar)
     bounds = [MODEL.bind(campaign) for campaign in campaigns]
-    names, difference = together(bounds)
+    names, difference = common_difference(bounds)
     first_slope = campaigns[0].force_law.slope_N_per_bar
     mean, covariance = dense(bounds, (0.0, -np.log(slope_N_per_bar / first_slope)))
     p = len(bounds[0].names)
@@ -272,7 +280,7 @@ def test_a_force_law_stated_anew_is_no_change_of_the_machine() -> None:
     changes = []
     for slope_N_per_bar in (126.04, 130.0):
         restated = with_law(second, slope_N_per_bar)
-        names, difference = together([MODEL.bind(first), MODEL.bind(restated)])
+        names, difference = common_difference([MODEL.bind(first), MODEL.bind(restated)])
         k = names.index("C_XXX")
         changes.append(difference.difference[k] / difference.sd[k])
     assert changes[1] == pytest.approx(changes[0], abs=0.05)
@@ -295,7 +303,7 @@ def test_a_certificate_of_the_instrument_counts_once(certified: tuple[bool, bool
     bounds = []
     for k, states in enumerate(certified):
         bounds.append(MODEL.bind(stating[k] if states else campaigns[k]))
-    names, difference = together(bounds)
+    names, difference = common_difference(bounds)
     p = len(bounds[0].names)
     for k, name in enumerate(names):
         i = bounds[0].names.index(name)
@@ -310,7 +318,7 @@ def test_a_certificate_in_one_campaign_is_no_disagreement() -> None:
     stated = replace(campaigns[1], instrument=lb.Instrument(bar_U_um=1.0))
     for second in (campaigns[1], stated):
         bounds = [MODEL.bind(campaigns[0]), MODEL.bind(second)]
-        assert together(bounds)[1].conflict.p_value > 0.01
+        assert common_difference(bounds)[1].conflict.p_value > 0.01
 
 
 @pytest.mark.parametrize(
@@ -369,10 +377,10 @@ def test_another_radius_is_another_length() -> None:
 
     first = bound_of_radii(1, 150.0)
     equal_radii, shorter, both = (
-        together([first, bound_of_radii(2, *radii)])[1]
+        common_difference([first, bound_of_radii(2, *radii)])[1]
         for radii in ((150.0,), (100.0,), (150.0, 100.0))
     )
-    k = together([first, first])[0].index("E_XX1")
+    k = common_difference([first, first])[0].index("E_XX1")
     single_sd = float(
         np.sqrt(
             first.given(PHI[None])[1].covariance[
@@ -393,7 +401,7 @@ def test_the_zero_of_the_bar_is_set_anew() -> None:
     for test in campaign_of(1).tests:
         longer.append(test.with_reading_um(np.asarray(test.reading_um) + 5.0))
     bounds = [MODEL.bind(first), MODEL.bind(replace(first, tests=tuple(longer)))]
-    names, difference = together(bounds)
+    names, difference = common_difference(bounds)
     for name in ("E_XX1", "E_YY1"):
         k = names.index(name)
         assert 2e-5 < difference.difference[k] < 3.5e-5
@@ -403,7 +411,7 @@ def test_the_zero_of_the_bar_is_set_anew() -> None:
 def test_two_instruments_taken_for_one() -> None:
     """Campaigns simulated with forms of their own disagree about them; with one instrument they
     hardly ever do."""
-    name, p = together([MODEL.bind(campaign_of(seed)) for seed in (1, 2)])[1].conflict
+    name, p = common_difference([MODEL.bind(campaign_of(seed)) for seed in (1, 2)])[1].conflict
     assert name.startswith("form_")
     assert p < 1e-6
     one_form = SIMULATED.without("ball-form", "bar-length")
@@ -413,7 +421,7 @@ def test_two_instruments_taken_for_one() -> None:
             MODEL.bind(campaign_of(campaign_seed, model=one_form))
             for campaign_seed in (seed, seed + 100)
         ]
-        p_values.append(together(bounds)[1].conflict[1])
+        p_values.append(common_difference(bounds)[1].conflict[1])
     assert min(p_values) > 0.01 / len(p_values)
 
 
@@ -492,22 +500,24 @@ def dense_campaign(bound: BoundModel) -> DenseCampaign:
     readings = np.concatenate([test.readings_mm() for test in bound.campaign.tests])
     of_machine = []
     for term in bound.model.nuisances:
-        for part in term.columns(bound.setting):
-            if isinstance(part, BasisNoise):
-                effects = block_diag(*(turn * part.sd * value[part.hyper] for turn in turns))
+        for columns in term.columns(bound.setting):
+            if isinstance(columns, BasisNoise):
+                effects = block_diag(*(turn * columns.sd * value[columns.hyper] for turn in turns))
                 covariance = covariance + effects @ effects.T
                 continue
-            blocks = [turn @ part.values[r] for r, turn in enumerate(turns)]
-            if part.private:
+            blocks = [turn @ columns.values[r] for r, turn in enumerate(turns)]
+            if columns.private:
                 effects = block_diag(*blocks)
-                sd = np.tile(part.sd * value[part.hyper] * np.ones(len(part.names)), len(turns))
+                sd = np.tile(
+                    columns.sd * value[columns.hyper] * np.ones(len(columns.names)), len(turns)
+                )
             else:
                 effects = np.concatenate(blocks)
-                sd = part.sd * value[part.hyper]
-            if part.mean is not None:
-                readings = readings - effects @ part.mean
+                sd = columns.sd * value[columns.hyper]
+            if columns.mean is not None:
+                readings = readings - effects @ columns.mean
             if type(term).__name__ in ("JointLoad", "Position"):
-                of_machine.append((effects, part.names, sd))
+                of_machine.append((effects, columns.names, sd))
             else:
                 covariance = covariance + (effects * sd) @ (effects * sd).T
     return DenseCampaign(
@@ -599,10 +609,12 @@ def test_a_law_of_the_joints_is_one_at_other_forces() -> None:
     u_squared = first.setting.along(0, 2.0)[0]
     for j, name in enumerate(names):
         ratio = lb.terms.JointLoad.ratio(name, first.setting, second.setting)
-        rest = ratio * laws[1][:, :, j] - laws[0][:, :, j]
+        remainder = ratio * laws[1][:, :, j] - laws[0][:, :, j]
         proportional = force_N[:, None] * u_squared
-        factor = (rest * proportional).sum() / (proportional**2).sum()
-        np.testing.assert_allclose(rest, factor * proportional, atol=1e-9 * np.abs(rest).max())
+        factor = (remainder * proportional).sum() / (proportional**2).sum()
+        np.testing.assert_allclose(
+            remainder, factor * proportional, atol=1e-9 * np.abs(remainder).max()
+        )
         assert ratio != pytest.approx(1.0, abs=1e-3)
 
 
@@ -709,7 +721,7 @@ def test_compliances_that_are_other_sums_are_not_compared(two: tuple[Any, Any]) 
 def test_chance_among_many_comparisons_is_allowed_for() -> None:
     """Holm by hand: of three p-values 0.004, 0.02 and 0.04, 3 × 0.004 and 2 × 0.02 are below 5 %,
     and so is 0.04 alone; of 0.004, 0.03 and 0.04 only the first is."""
-    for p_values, together in (
+    for p_values, by_holm in (
         ((0.004, 0.02, 0.04), ("C_XXX", "C_YYY", "E_XX1")),
         ((0.004, 0.03, 0.04), ("C_XXX",)),
     ):
@@ -719,7 +731,7 @@ def test_chance_among_many_comparisons_is_allowed_for() -> None:
             index=["C_XXX", "C_YYY", "E_XX1", "C_XXX_1"],
         )
         changed = changed_parameters(table, 0.95)
-        assert changed == ChangedParameters(("C_XXX", "C_YYY", "E_XX1"), together, 3)
+        assert changed == ChangedParameters(("C_XXX", "C_YYY", "E_XX1"), by_holm, 3)
     assert changed_parameters(table, 0.99).alone == ("C_XXX",)
 
 

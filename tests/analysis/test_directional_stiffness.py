@@ -71,11 +71,11 @@ def test_the_compliance_along_the_bar_is_that_of_the_exact_model() -> None:
     planned = plan()
     machine = planned.machine()
     circle = planned.tests[0].circle
-    kept = kept_compliances(machine, circle)
+    estimable = kept_compliances(machine, circle)
     rng = np.random.default_rng(2)
     sums = []
     compliances = {}
-    for members, weights in zip(kept.sets, kept.weights, strict=True):
+    for members, weights in zip(estimable.sets, estimable.weights, strict=True):
         values = rng.normal(5e-5, 1e-5, len(members)) * 1e-2 ** members[0].count("C_C")
         compliances |= dict(zip(members, values.tolist(), strict=True))
         sums.append(float(np.dot(weights, values)))
@@ -184,12 +184,12 @@ def test_off_the_machines_zero_tilts_are_in_the_tensor(posterior: xr.DataTree) -
     plane = plane_of(posterior)
     assert set(plane.tensor_of) == {"C_XXX", "C_XYX", "C_YYY"}
     tests = tuple(replace(t, centre_x_mm=300.0, centre_y_mm=-80.0) for t in campaign_of().tests)
-    moved = plane_of(posterior_of(replace(campaign_of(), tests=tests)))
+    off_zero = plane_of(posterior_of(replace(campaign_of(), tests=tests)))
     tilts = {"C_CXY", "C_CYY", "C_CCY"}
-    assert set(moved.tensor_of) == {"C_XXX", "C_XYX", "C_YYY"} | tilts
+    assert set(off_zero.tensor_of) == {"C_XXX", "C_XYX", "C_YYY"} | tilts
     english = words_of("en")
     assert "C_CCY" not in _principal_axis_note(plane, english)
-    remark = _principal_axis_note(moved, english)
+    remark = _principal_axis_note(off_zero, english)
     assert remark.startswith("at the circle's centre, of C_XXX, C_XYX, C_YYY")
     assert "C_CCY" in remark
 
@@ -332,8 +332,10 @@ def three_planes() -> Any:
 def principal(values: dict[str, float]) -> directional_stiffness.PrincipalStiffness:
     """Principal stiffnesses of compliances that are known exactly."""
     bound = three_planes()
-    known = [values.get(compliance.label, 0.0) for compliance in bound.compliances]
-    return directional_stiffness._principal_stiffness(bound, FORCE_N, np.tile(known, (3, 1)), 0.95)
+    compliances = [values.get(compliance.label, 0.0) for compliance in bound.compliances]
+    return directional_stiffness._principal_stiffness(
+        bound, FORCE_N, np.tile(compliances, (3, 1)), 0.95
+    )
 
 
 def test_principal_stiffnesses_of_uncoupled_axes_are_those_of_the_axes() -> None:

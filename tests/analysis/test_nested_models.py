@@ -42,8 +42,8 @@ def test_evidence_and_posterior_are_those_of_the_model_without_slopes() -> None:
     models = nested()
     assert models.zeros == ((), tuple(range(6, 12)))
     phi = scales(models.bound)
-    given = models.coefficients_given(phi)
-    log_ratio, restricted = models.restrict(1, given, np.ones(len(models.prior_sd)))
+    conditional = models.coefficients_given(phi)
+    log_ratio, restricted = models.restrict(1, conditional, np.ones(len(models.prior_sd)))
     constant = FIXED.with_degree(0).bind(CAMPAIGN)
     log_evidence, posterior = constant.given(phi)
     log_evidence_of_largest, _ = models.bound.given(phi)
@@ -69,11 +69,11 @@ def test_a_narrower_prior_of_slopes_is_that_of_a_model_with_it() -> None:
     with_half = NestedModels.of(half.bind(CAMPAIGN))
     assert with_half is not None
     expected, _ = with_half.restrict(1, with_half.coefficients_given(phi), np.ones(13 + 6))
-    given = models.coefficients_given(phi)
+    conditional = models.coefficients_given(phi)
     added = np.zeros(len(models.prior_sd))
     added[6:12] = 3.0
-    covariance = np.linalg.inv(np.linalg.inv(given.covariance) + np.diag(added))
-    shift = np.linalg.solve(given.covariance, given.mean[..., None])
+    covariance = np.linalg.inv(np.linalg.inv(conditional.covariance) + np.diag(added))
+    shift = np.linalg.solve(conditional.covariance, conditional.mean[..., None])
     narrowed = Coefficients((covariance @ shift)[..., 0], covariance)
     log_ratio, _ = models.restrict(1, narrowed, 1.0 + added)
     np.testing.assert_allclose(log_ratio, expected, atol=1e-8)
@@ -120,8 +120,8 @@ def test_uncertainties_are_about_those_of_average(source: str) -> None:
 def test_variances_are_averaged_in_closed_form() -> None:
     """One parameter of two models with weights 1 : 3 at one value of the scales."""
     models = nested()
-    given = models.coefficients_given(scales(models.bound))
-    first, second = models.posteriors(given, np.ones(len(models.prior_sd)))
+    conditional = models.coefficients_given(scales(models.bound))
+    first, second = models.posteriors(conditional, np.ones(len(models.prior_sd)))
     one = averaged_variances([first._replace(log_ratio=np.zeros(3))], np.zeros(3))
     mean = first.mean.mean(axis=0)
     np.testing.assert_allclose(one, (first.variance + (first.mean - mean) ** 2).mean(axis=0))
@@ -146,13 +146,13 @@ def test_moments_without_negative_compliances_by_rejection() -> None:
     inside = truncated_moments(bound, mean, cov)
     root = symmetric_root(cov[0] / np.outer(bound.scale, bound.scale)) * bound.scale[:, None]
     draws = mean[0] + rng.standard_normal((400_000, len(bound.names))) @ root.T
-    kept = draws[bound.truncation.holds(draws)]
-    share = len(kept) / len(draws)
+    accepted = draws[bound.truncation.holds(draws)]
+    share = len(accepted) / len(draws)
     assert np.exp(inside.log_probability[0]) == pytest.approx(share, abs=5e-3)
-    assert len(kept) > 50_000
+    assert len(accepted) > 50_000
     sd = bound.scale
-    np.testing.assert_allclose(inside.mean[0] / sd, kept.mean(axis=0) / sd, atol=0.025)
-    np.testing.assert_allclose(inside.variance[0] / sd**2, kept.var(axis=0) / sd**2, atol=0.03)
+    np.testing.assert_allclose(inside.mean[0] / sd, accepted.mean(axis=0) / sd, atol=0.025)
+    np.testing.assert_allclose(inside.variance[0] / sd**2, accepted.var(axis=0) / sd**2, atol=0.03)
 
 
 def test_moments_are_unchanged_where_compliances_may_be_negative() -> None:

@@ -100,18 +100,21 @@ def test_hyper_parameters_of_readings_are_carried_over_by_name() -> None:
     identified = lb.identify(DEFAULT, campaign)
     bound = DEFAULT.bind(campaign)
     weight, nodes = hyper_parameter_nodes(bound)
-    known = dict(zip(bound.hyper_prior.names, weight @ nodes, strict=True))
+    phi_of_readings = dict(zip(bound.hyper_prior.names, weight @ nodes, strict=True))
     plan_both_ways = longer_plans(bound)[RemedyKind.DIRECTION]
     longer = BoundModel(DEFAULT, plan_both_ways, pilot=campaign)
     names = longer.hyper_prior.names
     assert "eta" in names
-    assert "eta" not in known
+    assert "eta" not in phi_of_readings
     median = longer.hyper_prior.quantile(np.full(len(names), 0.5))
-    phi = np.array([known.get(name, median[k]) for k, name in enumerate(names)])
+    phi = np.array([phi_of_readings.get(name, median[k]) for k, name in enumerate(names)])
     information = information_of(longer, phi)
     sd = np.sqrt(information.variances()) * information.scale[information.interest]
-    before = information_of(bound, weight @ nodes)
-    sd_before = np.sqrt(before.variances()) * before.scale[before.interest]
+    information_before = information_of(bound, weight @ nodes)
+    sd_before = (
+        np.sqrt(information_before.variances())
+        * information_before.scale[information_before.interest]
+    )
     place = longer.names.index("C_XYX")
     remedy = remedy_of(identified, "C_XYX")
     assert remedy.kind == RemedyKind.DIRECTION
@@ -126,9 +129,13 @@ def test_nothing_but_the_plan_changes_with_a_pilot() -> None:
     bound = DEFAULT.bind(campaign)
     phi = bound.hyper_prior.quantile(np.full(len(bound.hyper_prior.names), 0.5))
     timed = [replace(test, time_s=360.0 * k) for k, test in enumerate(campaign.plan().tests)]
-    same = BoundModel(DEFAULT, replace(campaign.plan(), tests=tuple(timed)), pilot=campaign)
+    planned_again = BoundModel(
+        DEFAULT, replace(campaign.plan(), tests=tuple(timed)), pilot=campaign
+    )
     np.testing.assert_allclose(
-        information_of(same, phi).variances(), information_of(bound, phi).variances(), rtol=1e-6
+        information_of(planned_again, phi).variances(),
+        information_of(bound, phi).variances(),
+        rtol=1e-6,
     )
 
 
@@ -243,8 +250,8 @@ def test_pairs_are_for_what_one_remedy_leaves_confounded(
         assert name in tried.confounded_with(pair.first)
         assert pair.sd < 0.9 * entry.remedy.sd
         assert pair.is_confounded is (name in tried.confounded_with(pair.first, pair.second))
-        others = [step for step in tried.steps if step != pair.first]
-        best = min(tried.sd_with(pair.first, step).get(name, np.inf) for step in others)
+        other_steps = [step for step in tried.steps if step != pair.first]
+        best = min(tried.sd_with(pair.first, step).get(name, np.inf) for step in other_steps)
         assert pair.ratio < 1.021 * best / tried.sd_with()[name]
     assert with_pair
 
@@ -268,13 +275,13 @@ def test_circles_still_planned_are_the_cure_of_their_plane() -> None:
     """What is said of them is what a fit with them states; of the plane that has been run, others
     are named."""
     model = lb.HybridModel.first(0)
-    every = simulated(plan_of_three_planes())
-    run = every.select([test.name for test in every.tests if test.plane == "XY"])
-    planned = tuple(test for test in every.tests if test.plane == "YZ")
+    campaign = simulated(plan_of_three_planes())
+    run = campaign.select([test.name for test in campaign.tests if test.plane == "XY"])
+    planned = tuple(test for test in campaign.tests if test.plane == "YZ")
     identified = lb.identify(model, replace(run, foreseen=planned))
     remedy = remedy_of(identified, "C_ZZZ")
     assert (remedy.kind, remedy.circles) == (RemedyKind.PLANNED, len(planned))
-    both = every.select([test.name for test in every.tests if test.plane != "ZX"])
+    both = campaign.select([test.name for test in campaign.tests if test.plane != "ZX"])
     assert remedy.sd == pytest.approx(lb.identify(model, both).parameters["C_ZZZ"].sd, rel=0.2)
     other = identified.parameters["C_XXX"].remedy
     assert other is None or other.kind != RemedyKind.PLANNED

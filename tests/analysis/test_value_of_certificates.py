@@ -42,14 +42,14 @@ def test_the_pattern_of_the_machine_is_as_large_as_the_form_was() -> None:
     """Stating the balls, ω takes the place of τ; every other scale keeps its value."""
     model = lb.HybridModel.default(1)
     balls = lb.Instrument(work=lb.Ball(grade="G10"), tool=lb.Ball(grade="G10"))
-    before = model.bind(CAMPAIGN).hyper_prior
-    after = model.bind(replace(CAMPAIGN, instrument=balls)).hyper_prior
-    phi = np.linspace(1.0, 2.0, len(before.names)) * 1e-3
-    carried = dict(zip(after.names, after.carried(before, phi), strict=True))
-    known = dict(zip(before.names, phi, strict=True))
-    assert set(carried) - set(known) == {"omega"}
-    assert carried.pop("omega") == known["tau"]
-    assert carried == {name: known[name] for name in carried}
+    prior = model.bind(CAMPAIGN).hyper_prior
+    prior_with_balls = model.bind(replace(CAMPAIGN, instrument=balls)).hyper_prior
+    phi = np.linspace(1.0, 2.0, len(prior.names)) * 1e-3
+    carried = dict(zip(prior_with_balls.names, prior_with_balls.carried(prior, phi), strict=True))
+    phi_by_name = dict(zip(prior.names, phi, strict=True))
+    assert set(carried) - set(phi_by_name) == {"omega"}
+    assert carried.pop("omega") == phi_by_name["tau"]
+    assert carried == {name: phi_by_name[name] for name in carried}
 
 
 def test_the_other_ball_is_missing_where_one_is_stated() -> None:

@@ -173,13 +173,13 @@ def test_more_than_half_of_the_prior_sd_is_prior_limited(contraction: float, ver
     assert judge([assumed(OWN, 1.0)], contraction).verdict == verdict
 
 
-@pytest.mark.parametrize(("alike", "verdict"), [(0.96, "confounded"), (0.9, "identified")])
+@pytest.mark.parametrize(("cosine", "verdict"), [(0.96, "confounded"), (0.9, "identified")])
 def test_several_effects_confound_if_they_act_on_the_same_combination(
-    alike: float, verdict: str
+    cosine: float, verdict: str
 ) -> None:
     sources = [assumed("Mount", 0.4), assumed("ForceError", 0.3)]
     likeness = {("Mount", "Mount"): 1.0, ("ForceError", "ForceError"): 1.0}
-    likeness |= dict.fromkeys([("Mount", "ForceError"), ("ForceError", "Mount")], alike)
+    likeness |= dict.fromkeys([("Mount", "ForceError"), ("ForceError", "Mount")], cosine)
     assert judge(sources, 0.99, likeness).verdict == verdict
 
 
@@ -225,10 +225,10 @@ def test_knowing_what_is_assumed_leaves_what_is_stated() -> None:
         return judge_parameters(bound, information_of(bound, phi), bound.prior_mean)["C_XXX"]
 
     with_random_force = judged(certified)
-    known = replace(certified.instrument, force_random_N=1e-6)
+    exact_force = replace(certified.instrument, force_random_N=1e-6)
     assert with_random_force.partners == ("ForceError",)
     assert with_random_force.sd_if_known == pytest.approx(
-        judged(replace(certified, instrument=known)).sd, rel=1e-6
+        judged(replace(certified, instrument=exact_force)).sd, rel=1e-6
     )
 
 
@@ -309,18 +309,20 @@ def test_a_compliance_is_judged_at_the_force_at_which_it_is_stated(recovered: lb
     """As in a model with this reference force, whose parameters are the compliances there."""
     model = lb.HybridModel.default(1)
     posterior = lb.sample(model, recovered, sampler="independent", seed=1)
-    there = lb.sample(
+    posterior_at_600_N = lb.sample(
         replace(model, reference_force_N=600.0), recovered, sampler="independent", seed=1
     )
     at_force = judge_at_force(posterior, 600.0)
     at_reference = lb.analysis.judge_posterior(posterior)
-    wanted = lb.analysis.judge_posterior(there)
+    wanted = lb.analysis.judge_posterior(posterior_at_600_N)
     for name in ("C_XXX", "C_YYY", "C_XYX", "C_CXY"):
         assert at_force[name].verdict == wanted[name].verdict
         for term, share in wanted[name].shares.items():
             assert at_force[name].shares[term] == pytest.approx(share, abs=0.02)
-    moved = at_reference["C_XXX"].shares["JointLoad"] - at_force["C_XXX"].shares["JointLoad"]
-    assert moved > 0.05
+    change_of_share = (
+        at_reference["C_XXX"].shares["JointLoad"] - at_force["C_XXX"].shares["JointLoad"]
+    )
+    assert change_of_share > 0.05
     assert judge_at_force(posterior, 389.0) == at_reference
 
 
