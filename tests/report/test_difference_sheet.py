@@ -33,7 +33,7 @@ pytestmark = pytest.mark.usefixtures("without_figures")
 
 
 @pytest.fixture(scope="module")
-def before() -> Findings:
+def findings() -> Findings:
     campaign = replace(simulated(plan()), name="before", serial_number="4711", date="2026-10-01")
     return findings_of_fit(
         fitted(MODEL, campaign), comparison=NOT_COMPARED, recommended=NOT_COMPARED
@@ -41,37 +41,41 @@ def before() -> Findings:
 
 
 @pytest.fixture(scope="module")
-def after(before: Findings) -> FurtherCampaign:
+def second_campaign(findings: Findings) -> FurtherCampaign:
     """The machine has become softer in X by 40 nm/N, and the work ball is another one."""
     softer = MODEL.simulate(plan(), seed=2, parameters={"C_XXX": 90e-6}).campaign
     posterior = fitted(MODEL, replace(softer, name="after"))
-    table = lb.analysis.compare_posteriors(before.posterior, posterior, same_instrument=True)
+    table = lb.analysis.compare_posteriors(findings.posterior, posterior, same_instrument=True)
     return FurtherCampaign("after", campaign_of(posterior), result_json(posterior), table)
 
 
-def sheet_of(before: Findings, after: FurtherCampaign, language: str = "en") -> ReportSheet:
-    (sheet,) = difference_sheets(before, [after], SAME_INSTRUMENT, words_of(language))
+def sheet_of(
+    findings: Findings, second_campaign: FurtherCampaign, language: str = "en"
+) -> ReportSheet:
+    (sheet,) = difference_sheets(findings, [second_campaign], SAME_INSTRUMENT, words_of(language))
     return sheet
 
 
-def test_the_sheet_holds_what_is_signed(before: Findings, after: FurtherCampaign) -> None:
-    sheet = sheet_of(before, after)
+def test_the_sheet_holds_what_is_signed(
+    findings: Findings, second_campaign: FurtherCampaign
+) -> None:
+    sheet = sheet_of(findings, second_campaign)
     assert (sheet.title, sheet.line) == (
         "Difference between two campaigns",
         "Sheet 3 of 3: before, after",
     )
     campaigns, signatures = (block for block in sheet.blocks if isinstance(block, Fields))
-    first = campaign_of(before.posterior)
+    first = campaign_of(findings.posterior)
     assert campaigns.entries == (
         ("First campaign", "before, 4711, 2026-10-01"),
         ("Second campaign", "after"),
         ("Readings of the first", f"SHA-256 {first.sha256[:16]}"),
-        ("Readings of the second", f"SHA-256 {after.campaign.sha256[:16]}"),
+        ("Readings of the second", f"SHA-256 {second_campaign.campaign.sha256[:16]}"),
     )
     assert signatures.tall
     (table,) = (block for block in sheet.blocks if isinstance(block, Table))
     rows = {str(row[1]): [str(cell) for cell in row] for row in table.rows}
-    row = after.differences.loc["C_XXX"]
+    row = second_campaign.differences.loc["C_XXX"]
     assert rows["C_XXX"][0] == "Compliance of axis X"
     assert float(rows["C_XXX"][4]) == pytest.approx(row["difference"] * 1e6, abs=0.06)
     assert float(rows["C_XXX"][5]) == pytest.approx(2.0 * row["sd"] * 1e6, rel=0.05)
@@ -80,16 +84,16 @@ def test_the_sheet_holds_what_is_signed(before: Findings, after: FurtherCampaign
 
 
 def test_both_values_and_the_difference_have_the_decimals_of_U(
-    before: Findings, after: FurtherCampaign
+    findings: Findings, second_campaign: FurtherCampaign
 ) -> None:
     """With U = 140 µm/m², of −6 and −11 and their difference whole tens are stated."""
-    differences = after.differences.copy()
+    differences = second_campaign.differences.copy()
     columns = ["first", "second", "difference", "sd", "ci_low", "ci_high"]
     differences.loc["E_YX2", columns] = (-6e-9, -11e-9, -5.2e-9, 70e-9, -142e-9, 132e-9)
-    other = replace(after, differences=differences)
-    (on_sheet,) = (block for block in sheet_of(before, other).blocks if isinstance(block, Table))
-    parts = sections.beside(before.result, [other], SAME_INSTRUMENT, prob=0.95)
-    (on_screen, *_) = (part for part in parts if isinstance(part, Table))
+    other = replace(second_campaign, differences=differences)
+    (on_sheet,) = (block for block in sheet_of(findings, other).blocks if isinstance(block, Table))
+    passages = sections.beside(findings.result, [other], SAME_INSTRUMENT, prob=0.95)
+    (on_screen, *_) = (passage for passage in passages if isinstance(passage, Table))
     sheet_row = next(row for row in on_sheet.rows if row[1] == "E_YX2")
     screen_row = next(row for row in on_screen.rows if row[0] == "E_YX2")
     assert sheet_row[2:6] == ("−10", "−10", "−10", "140")
@@ -98,10 +102,10 @@ def test_both_values_and_the_difference_have_the_decimals_of_U(
 
 @pytest.mark.parametrize("prob", [0.68, 0.9])
 def test_u_is_that_of_95_percent_whatever_the_intervals_in_brackets(
-    before: Findings, after: FurtherCampaign, prob: float
+    findings: Findings, second_campaign: FurtherCampaign, prob: float
 ) -> None:
     """Of a difference of 40 ± 2 nm/N (one u, normal), U is 4 nm/N and brackets follow --ci."""
-    of_95 = after.differences.copy()
+    of_95 = second_campaign.differences.copy()
     of_95.attrs["conflict"] = None
     of_95["probability_of_increase"] = 0.5
     normal = norm(40e-6, 2e-6)
@@ -109,17 +113,17 @@ def test_u_is_that_of_95_percent_whatever_the_intervals_in_brackets(
     of_95.loc["C_XXX", columns] = (40e-6, 2e-6, *normal.interval(0.95), 1.0)
     with_brackets = of_95.copy()
     with_brackets.loc["C_XXX", ["ci_low", "ci_high"]] = normal.interval(prob)
-    other = replace(after, differences=with_brackets, differences_with_95=of_95)
-    blocks = sheet_of(replace(before, prob=prob), other).blocks
+    other = replace(second_campaign, differences=with_brackets, differences_with_95=of_95)
+    blocks = sheet_of(replace(findings, prob=prob), other).blocks
     (table,) = (block for block in blocks if isinstance(block, Table))
     (changes,) = (block for block in blocks if isinstance(block, Items))
     row = next(row for row in table.rows if row[1] == "C_XXX")
     low, high = (1e6 * end for end in normal.interval(prob))
     assert row[4:7] == ("40.0", "4.0", f"[{low:.1f}, {high:.1f}]")
     assert "by 40.0 ± 4.0 nm/N" in changes.items[0].replace("\u00a0", " ")
-    parts = list(sections.beside(before.result, [other], SAME_INSTRUMENT, prob=prob))
-    assert "C_XXX 40.0 ± 4.0 nm/N" in str(parts[1])
-    on_screen = next(part for part in parts if isinstance(part, Table))
+    passages = list(sections.beside(findings.result, [other], SAME_INSTRUMENT, prob=prob))
+    assert "C_XXX 40.0 ± 4.0 nm/N" in str(passages[1])
+    on_screen = next(passage for passage in passages if isinstance(passage, Table))
     assert next(row for row in on_screen.rows if row[0] == "C_XXX")[3] == "40.0"
 
 
@@ -128,11 +132,11 @@ def test_u_is_that_of_95_percent_whatever_the_intervals_in_brackets(
     [(1e-5, "is larger in the second campaign, by"), (-1e-5, "is smaller in the second campaign")],
 )
 def test_a_change_is_stated_in_words(
-    before: Findings, after: FurtherCampaign, difference: float, words: str
+    findings: Findings, second_campaign: FurtherCampaign, difference: float, words: str
 ) -> None:
     """Of a direct compliance also whether the machine is stiffer or softer; with Holm's method a
     change that is just shown by itself is not named."""
-    table = after.differences.copy()
+    table = second_campaign.differences.copy()
     table.attrs["conflict"] = None
     table["probability_of_increase"] = 0.5
     table.loc["C_XXX", ["difference", "sd"]] = (difference, 1e-6)
@@ -141,25 +145,25 @@ def test_a_change_is_stated_in_words(
     table.loc["E_YX2", "probability_of_increase"] = 0.98
     (changes,) = (
         block
-        for block in sheet_of(before, replace(after, differences=table)).blocks
+        for block in sheet_of(findings, replace(second_campaign, differences=table)).blocks
         if isinstance(block, Items)
     )
-    compliance, straightness, together = changes.items
+    compliance, straightness, by_holm = changes.items
     state = "softer" if difference > 0.0 else "stiffer"
     assert compliance.startswith(f"Compliance of axis X (C_XXX) {words}")
     assert "in the second campaign, by 10.0 ± 2.0 nm/N: " in compliance.replace("\u00a0", " ")
     assert compliance.endswith(f"the machine is {state} there.")
     assert "(E_YX2) is" in straightness
-    assert together.endswith("these have changed: C_XXX.")
+    assert by_holm.endswith("these have changed: C_XXX.")
 
 
-def test_no_change_is_said(before: Findings, after: FurtherCampaign) -> None:
-    table = after.differences.copy()
+def test_no_change_is_said(findings: Findings, second_campaign: FurtherCampaign) -> None:
+    table = second_campaign.differences.copy()
     table.attrs["conflict"] = None
     table["probability_of_increase"] = 0.5
     (changes,) = (
         block
-        for block in sheet_of(before, replace(after, differences=table)).blocks
+        for block in sheet_of(findings, replace(second_campaign, differences=table)).blocks
         if isinstance(block, Items)
     )
     assert changes.items == (
@@ -167,10 +171,10 @@ def test_no_change_is_said(before: Findings, after: FurtherCampaign) -> None:
     )
 
 
-def test_doubts_stand_first(before: Findings, after: FurtherCampaign) -> None:
-    table = after.differences.copy()
+def test_doubts_stand_first(findings: Findings, second_campaign: FurtherCampaign) -> None:
+    table = second_campaign.differences.copy()
     table.attrs["conflict"] = ("length 150 mm", 1e-6)
-    blocks = sheet_of(before, replace(after, differences=table)).blocks
+    blocks = sheet_of(findings, replace(second_campaign, differences=table)).blocks
     (banner,) = (block for block in blocks if isinstance(block, Banner))
     assert blocks[0] is banner
     assert not [block for block in blocks if isinstance(block, Items)]
@@ -186,7 +190,7 @@ def stated(prior: dict[str, tuple[float, float]]) -> lb.HybridModel:
 
 
 @pytest.mark.parametrize(
-    ("language", "contradicted", "unlike", "parts"),
+    ("language", "contradicted", "unlike", "differing_parts"),
     [
         (
             "en",
@@ -203,7 +207,7 @@ def stated(prior: dict[str, tuple[float, float]]) -> lb.HybridModel:
     ],
 )
 def test_a_contradicted_prior_and_other_models_are_said(
-    before: Findings, language: str, contradicted: str, unlike: str, parts: str
+    findings: Findings, language: str, contradicted: str, unlike: str, differing_parts: str
 ) -> None:
     """Of a prior that the readings contradict the differences are not named; of another model, or
     another prior that they do not contradict, they are, with a reservation."""
@@ -211,9 +215,9 @@ def test_a_contradicted_prior_and_other_models_are_said(
 
     def banner_and_kinds(model: lb.HybridModel) -> tuple[Banner, set[type]]:
         posterior = fitted(model, campaign)
-        table = lb.analysis.compare_posteriors(before.posterior, posterior)
-        after = FurtherCampaign("after", campaign, result_json(posterior), table)
-        blocks = sheet_of(before, after, language).blocks
+        table = lb.analysis.compare_posteriors(findings.posterior, posterior)
+        second = FurtherCampaign("after", campaign, result_json(posterior), table)
+        blocks = sheet_of(findings, second, language).blocks
         banner = blocks[0]
         assert isinstance(banner, Banner)
         return banner, {type(block) for block in blocks}
@@ -227,7 +231,7 @@ def test_a_contradicted_prior_and_other_models_are_said(
     assert banner.sentence.startswith(unlike)
     banner, kinds = banner_and_kinds(lb.HybridModel.first(1).without("ball-form"))
     assert banner.kind == "reserved"
-    assert parts in banner.sentence
+    assert differing_parts in banner.sentence
 
 
 UNIT = Concern(ConcernKind.UNIT, 1.2e-5, 9e-5, "f036")
@@ -269,8 +273,8 @@ SCATTER = Concern(ConcernKind.HYPER, 0.01, 0.005, "kappa")
 )
 @pytest.mark.parametrize("place", [0, 1])
 def test_the_sheet_says_which_of_the_two_fits_has_a_concern(
-    before: Findings,
-    after: FurtherCampaign,
+    findings: Findings,
+    second_campaign: FurtherCampaign,
     place: int,
     language: str,
     concern: Concern,
@@ -278,26 +282,26 @@ def test_the_sheet_says_which_of_the_two_fits_has_a_concern(
     sentence: str,
 ) -> None:
     """In the words of that campaign's first sheet."""
-    table = after.differences.copy()
+    table = second_campaign.differences.copy()
     fits = list(table.attrs["fits"])
     fits[place] = replace(fits[place], concerns=(concern,))
     table.attrs |= {"conflict": None, "fits": tuple(fits)}
-    blocks = sheet_of(before, replace(after, differences=table), language).blocks
+    blocks = sheet_of(findings, replace(second_campaign, differences=table), language).blocks
     banner = blocks[0]
     assert banner == Banner(kind, f"{('before', 'after')[place]}: {sentence}")
     assert (Items in {type(block) for block in blocks}) == (kind == "reserved")
 
 
 def test_readings_that_the_model_does_not_expect_are_said(
-    before: Findings, after: FurtherCampaign
+    findings: Findings, second_campaign: FurtherCampaign
 ) -> None:
-    table = after.differences.copy()
+    table = second_campaign.differences.copy()
     first, second = table.attrs["fits"]
     checks = second.predictive_checks["f300"]
     surprising = {"f300": replace(checks, orders_p={**checks.orders_p, 4: 1e-12})}
     misfit = replace(second, predictive_checks=second.predictive_checks | surprising, shift={})
     table.attrs |= {"conflict": None, "fits": (first, misfit)}
-    banner = sheet_of(before, replace(after, differences=table)).blocks[0]
+    banner = sheet_of(findings, replace(second_campaign, differences=table)).blocks[0]
     assert banner == Banner(
         "unusable",
         "after: DO NOT USE THE RESULTS. The model does not expect readings like these (f300).",
@@ -306,10 +310,10 @@ def test_readings_that_the_model_does_not_expect_are_said(
 
 @pytest.mark.parametrize("place", [0, 1])
 def test_terminal_and_annex_are_silent_where_the_sheet_is(
-    before: Findings, after: FurtherCampaign, place: int
+    findings: Findings, second_campaign: FurtherCampaign, place: int
 ) -> None:
     """Of a fit that cannot be used no changes are named, and a sentence says why."""
-    table = after.differences.copy()
+    table = second_campaign.differences.copy()
     fits = list(table.attrs["fits"])
     fits[place] = replace(fits[place], concerns=(TRUNCATION,))
     table.attrs |= {"conflict": None, "fits": tuple(fits)}
@@ -320,15 +324,15 @@ def test_terminal_and_annex_are_silent_where_the_sheet_is(
     assert "no changes are named" in wording.change_sentence("before", "after", table, 0.95)
 
 
-def test_no_banner_without_doubts(before: Findings, after: FurtherCampaign) -> None:
-    table = after.differences.copy()
+def test_no_banner_without_doubts(findings: Findings, second_campaign: FurtherCampaign) -> None:
+    table = second_campaign.differences.copy()
     table.attrs["conflict"] = None
-    blocks = sheet_of(before, replace(after, differences=table)).blocks
+    blocks = sheet_of(findings, replace(second_campaign, differences=table)).blocks
     assert not [block for block in blocks if isinstance(block, Banner)]
 
 
-def test_the_sheet_in_german(before: Findings, after: FurtherCampaign) -> None:
-    sheet = sheet_of(before, after, "de")
+def test_the_sheet_in_german(findings: Findings, second_campaign: FurtherCampaign) -> None:
+    sheet = sheet_of(findings, second_campaign, "de")
     assert sheet.line == "Blatt 3 von 3: before, after"
     texts = " ".join(str(block) for block in sheet.blocks)
     assert "Nachgiebigkeit der Achse X" in texts
@@ -337,13 +341,17 @@ def test_the_sheet_in_german(before: Findings, after: FurtherCampaign) -> None:
         assert english not in texts
 
 
-def test_each_sheet_is_a_page_of_the_pdf(before: Findings, after: FurtherCampaign) -> None:
-    further = difference_sheets(before, [after, after], SAME_INSTRUMENT, words_of("en"))
-    fitted_sheets = fit_to_pages((*sheets(before, further=2), *further))
+def test_each_sheet_is_a_page_of_the_pdf(
+    findings: Findings, second_campaign: FurtherCampaign
+) -> None:
+    further = difference_sheets(
+        findings, [second_campaign, second_campaign], SAME_INSTRUMENT, words_of("en")
+    )
+    fitted_sheets = fit_to_pages((*sheets(findings, further=2), *further))
     assert [sheet.line[:12] for sheet in fitted_sheets] == [
         f"Sheet {number} of 4" for number in (1, 2, 3, 4)
     ]
-    started = before.result["provenance"]["started"]
+    started = findings.result["provenance"]["started"]
     pdf = pdf_of(fitted_sheets, "title", "en", datetime.fromisoformat(started))
     assert pdf.count(b"/Type /Page\n") == 4
 
@@ -354,11 +362,11 @@ def test_each_sheet_is_a_page_of_the_pdf(before: Findings, after: FurtherCampaig
     [(5, "4712", "state different machines"), (6, None, "If it was one machine")],
 )
 def test_machines_are_two_where_the_campaigns_say_so(
-    before: Findings, tmp_path: Path, seed: int, serial_number: str | None, expected: str
+    findings: Findings, tmp_path: Path, seed: int, serial_number: str | None, expected: str
 ) -> None:
     other = MODEL.simulate(plan(), seed=seed).campaign
     posterior = fitted(MODEL, replace(other, name="after", serial_number=serial_number))
-    lb.write_report(before.posterior, tmp_path, beside_it={"after": posterior})
+    lb.write_report(findings.posterior, tmp_path, beside_it={"after": posterior})
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     sentences = ("state different machines", "If it was one machine")
     assert [sentence in page for sentence in sentences] == [expected == s for s in sentences]

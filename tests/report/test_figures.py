@@ -202,16 +202,16 @@ def test_figures_say_the_numbers_of_the_tables(posterior: xr.DataTree) -> None:
     """Intervals and texts of the forest are those of the summary and of the changes with force;
     peaks to peak above the contributions those of their table."""
     table = lb.summarize(posterior)
-    drawn = []
-    for name, found in lb.analysis.change_with_force(posterior).items():
-        change = {**found.change.as_dict(), "unit": found.unit}
+    names_drawn = []
+    for name, entry in lb.analysis.change_with_force(posterior).items():
+        change = {**entry.change.as_dict(), "unit": entry.unit}
         table.loc[f"Δ{name}"] = pd.Series(change).reindex(table.columns)
     for axes in FIGURES["forest"](posterior).axes:
         names = [label.get_text().replace("(0Y)", "0Y") for label in axes.get_yticklabels()]
         factor, unit = display_unit(str(table.loc[names[0], "unit"]))
         assert axes.get_xlabel().endswith(f" ({unit})")
         assert axes.get_xlabel().startswith("change from " if names[0][0] == "Δ" else "value ")
-        drawn += names
+        names_drawn += names
         bars = [line.get_xdata() for line in axes.lines if line.get_linewidth() == 1.4]
         for name, bar, text in zip(names, bars, axes.texts, strict=True):
             row = table.loc[name]
@@ -219,7 +219,9 @@ def test_figures_say_the_numbers_of_the_tables(posterior: xr.DataTree) -> None:
             assert text.get_text() == plus_minus(
                 row["mean"], row["sd"], (row["ci_low"], row["ci_high"]), row["unit"]
             )
-    assert set(drawn) == {name for name in table.index if name[0] in "CEΔ" and not is_slope(name)}
+    assert set(names_drawn) == {
+        name for name in table.index if name[0] in "CEΔ" and not is_slope(name)
+    }
     swings = lb.analysis.decompose_deviation(posterior).set_index("source")
     contributions = FIGURES["contributions"](posterior).axes[-1]
     above = {TOGETHER: contributions.get_title().split(": ")[1]}

@@ -89,14 +89,14 @@ def test_every_refusal_of_files_has_german_words(room: str) -> None:
 @pytest.mark.parametrize("kind", [*SENTENCES["remarks"]])
 def test_every_remark_on_a_campaign_has_german_words(kind: str) -> None:
     text = SENTENCES["remarks"][kind]
-    shown = re.sub(r"\{\w+:[^}]*\}", "1.5", text)
-    shown = re.sub(r"\{(first|second|setup|test)\}", "f036", shown)
-    shown = re.sub(r"\{(stated|travel)\}", "CW", shown)
-    shown = shown.replace("{what}", "force").replace("{unit}", "N")
-    shown = shown.replace("{radii}", "100 and 150").replace("{planes}", "XY and YZ")
-    shown = shown.replace("{ball}", "work ball").replace("{file}", "model.toml")
-    shown = shown.replace("{terms}", "ball form, set-up shift, drift")
-    assert untranslated({shown}, "f036") == []
+    sentence = re.sub(r"\{\w+:[^}]*\}", "1.5", text)
+    sentence = re.sub(r"\{(first|second|setup|test)\}", "f036", sentence)
+    sentence = re.sub(r"\{(stated|travel)\}", "CW", sentence)
+    sentence = sentence.replace("{what}", "force").replace("{unit}", "N")
+    sentence = sentence.replace("{radii}", "100 and 150").replace("{planes}", "XY and YZ")
+    sentence = sentence.replace("{ball}", "work ball").replace("{file}", "model.toml")
+    sentence = sentence.replace("{terms}", "ball form, set-up shift, drift")
+    assert untranslated({sentence}, "f036") == []
 
 
 # ---- single messages

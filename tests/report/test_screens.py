@@ -70,8 +70,8 @@ def row_of(text: str, name: str) -> list[str]:
 
 def test_stiffness_prints_its_numbers(posterior: xr.DataTree, width: int) -> None:
     text = str(lb.stiffness(posterior, [389.0, 742.0]))
-    least = [line.split()[1] for line in text.splitlines() if line.startswith("k_min")]
-    assert least == ["389", "742"]
+    forces = [line.split()[1] for line in text.splitlines() if line.startswith("k_min")]
+    assert forces == ["389", "742"]
     assert max(map(len, text.splitlines())) <= width
 
 
@@ -96,8 +96,8 @@ def test_identify_prints_a_row_for_each_parameter(
     """U now, verdict, what holds it and how much, cheapest cure and U then."""
     text = str(identified)
     check_screen(text, width)
-    shown = judged_quantities(identified)
-    for name, entry in shown.items():
+    quantities = judged_quantities(identified)
+    for name, entry in quantities.items():
         factor = display_unit(entry.unit)[0]
         row = row_of(text, name)
         assert row[1] == round_uncertainty(2.0 * entry.sd * factor)[0]
@@ -111,7 +111,7 @@ def test_identify_prints_a_row_for_each_parameter(
             assert wording.remedy_in_words(entry.remedy) in " ".join(row)
     first_lines = " ".join(text.splitlines()[:2])
     for verdict in Verdict:
-        number = sum(entry.verdict == verdict for entry in shown.values())
+        number = sum(entry.verdict == verdict for entry in quantities.values())
         assert f"{number} " in first_lines.partition(str(verdict))[0]
 
 
@@ -163,11 +163,11 @@ def test_summarize_prints_changes_with_force_instead_of_slopes(
 ) -> None:
     text = str(summary)
     assert "C_XXX_1" not in text
-    for name, found in lb.analysis.change_with_force(posterior).items():
-        factor, _ = display_unit(found.unit)
-        sd, decimals = round_uncertainty(found.change.sd * factor)
+    for name, entry in lb.analysis.change_with_force(posterior).items():
+        factor, _ = display_unit(entry.unit)
+        sd, decimals = round_uncertainty(entry.change.sd * factor)
         row = row_of(text, f"{name} changes by")
-        assert typeset(round_like(found.change.mean * factor, decimals)) in row
+        assert typeset(round_like(entry.change.mean * factor, decimals)) in row
         assert sd in row
 
 

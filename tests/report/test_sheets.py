@@ -85,8 +85,8 @@ def test_numbers_within_a_german_figure_have_decimal_commas(
     """Such as those at the rings of a polar figure, which are no labels of ticks."""
     figure = new_figure(1.0, 1.0)
     figure.text(0.5, 0.5, "2.5 µm")
-    drawn = Picture("traces", "", figure)
-    monkeypatch.setattr(sheets_module, "picture", lambda *_, **__: drawn)
+    traces = Picture("traces", "", figure)
+    monkeypatch.setattr(sheets_module, "picture", lambda *_, **__: traces)
     sheets_module._picture("traces", None, "", words_of("de"))
     assert [text.get_text() for text in figure.texts] == ["2,5 µm"]
 
@@ -161,10 +161,10 @@ def test_of_results_that_cannot_be_used_nothing_is_called_determined(
     """Readings in mm taken for µm narrow every prior. No plain sentence states a stiffness."""
     campaign = simulated(plan())
     small = [test.with_reading_um(1e-3 * np.asarray(test.reading_um)) for test in campaign.tests]
-    found = findings_of(replace(campaign, tests=tuple(small)))
-    numbers = SheetNumbers(found, words_of(language), 389.0)
+    findings = findings_of(replace(campaign, tests=tuple(small)))
+    numbers = SheetNumbers(findings, words_of(language), 389.0)
     assert not any(quantity.is_undetermined for quantity in numbers.parameters.values())
-    first, _ = sheets(found, language=language)
+    first, _ = sheets(findings, language=language)
     (pair,) = [block for block in first.blocks if isinstance(block, Pair)]
     (plain,) = [block for block in first.blocks if isinstance(block, Items)]
     assert pair.beside == (nothing,)
@@ -254,8 +254,8 @@ def test_u_is_that_of_95_percent_whatever_the_intervals_in_brackets(
     assert f"{100 * prob:g} % interval" in table.heads
     of_95 = [tables_of(sheet)[0] for sheet in english]
     value, expanded = 2, 3
-    for found, expected in zip([tables_of(first)[0], table], of_95, strict=True):
-        for row, other in zip(found.rows, expected.rows, strict=True):
+    for stated_table, table_of_95 in zip([tables_of(first)[0], table], of_95, strict=True):
+        for row, other in zip(stated_table.rows, table_of_95.rows, strict=True):
             assert (row[value], row[expanded]) == (other[value], other[expanded])
     row = next(row for row in table.rows if row[1] == "E_XX1")
     draws = 1e6 * findings.posterior_of_certificate["posterior"]["E_XX1"].to_numpy()
@@ -510,9 +510,9 @@ def test_the_certificate_states_the_least_stiffness_and_its_direction(
 
 def test_the_least_stiffness_is_that_of_the_analysis(findings: Findings, english: Sheets) -> None:
     first, _ = english
-    least = lb.stiffness(findings.posterior, [389.0]).planes[0].least
+    stiffness = lb.stiffness(findings.posterior, [389.0]).planes[0].least
     value = float(row_of(first, "k_min")[2])
-    assert value == pytest.approx(least.median / 1e3, abs=least.sd / 1e3 / 5.0)
+    assert value == pytest.approx(stiffness.median / 1e3, abs=stiffness.sd / 1e3 / 5.0)
 
 
 @pytest.mark.parametrize("symbol", ["k_max", "k_max / k_min", "ψ", "C_XXX − C_YYY"])
@@ -522,9 +522,9 @@ def test_the_certificate_states_what_is_best_determined(english: Sheets, symbol:
 
 
 def test_a_direction_that_is_not_determined_is_not_stated() -> None:
-    every = AxialDirection(40.0, 52.0, 104.0, -45.0, 125.0, 0.95, 0.0, is_determined=False)
+    direction = AxialDirection(40.0, 52.0, 104.0, -45.0, 125.0, 0.95, 0.0, is_determined=False)
     words = words_of("en")
-    assert stiffness_numbers._direction_words(every, "X", words) == "direction not determined"
+    assert stiffness_numbers._direction_words(direction, "X", words) == "direction not determined"
 
 
 def test_a_direction_beyond_90_degrees_is_that_of_its_opposite() -> None:
@@ -553,8 +553,8 @@ def test_a_skewed_direction_has_the_distances_to_the_ends_of_its_interval() -> N
 def test_beside_g_stands_what_the_circle_showed(findings: Findings, english: Sheets) -> None:
     first, _ = english
     measured, _ = lb.analysis.measure_circularity(findings.posterior)
-    shown = measured.set_index("force_N").loc[300.0, "G"]
-    assert f"measured at 300\u00a0N, with the balls' form: {shown:.1f}" in row_of(first, "G")[-1]
+    g_um = measured.set_index("force_N").loc[300.0, "G"]
+    assert f"measured at 300\u00a0N, with the balls' form: {g_um:.1f}" in row_of(first, "G")[-1]
 
 
 def numbers_of_circles(radii_mm: tuple[float, ...], centres_x_mm: tuple[float, ...]) -> Findings:
@@ -589,24 +589,24 @@ def test_numbers_of_the_only_circle_do_not_name_it(findings: Findings) -> None:
 def test_beside_g_stands_what_a_circle_of_the_same_radius_showed() -> None:
     findings = numbers_of_circles((100.0, 150.0) * 2, (0.0,) * 4)
     measured, _ = lb.analysis.measure_circularity(findings.posterior)
-    shown = measured.set_index("force_N").loc[520.0, "G"]
+    g_um = measured.set_index("force_N").loc[520.0, "G"]
     note = SheetNumbers(findings, EN, 300.0).path["G"].note
-    assert note == f"measured at 520\u00a0N, with the balls' form: {shown:.1f}"
+    assert note == f"measured at 520\u00a0N, with the balls' form: {g_um:.1f}"
 
 
 def test_beside_g_stands_that_an_arc_showed_a_part_of_the_circle() -> None:
     """On 200° about the top, sin 2θ has a smaller width than on the whole circle."""
     findings = findings_of(simulated(plan(arc_deg=200.0)))
     measured, _ = lb.analysis.measure_circularity(findings.posterior)
-    shown = measured.set_index("force_N").loc[300.0, "G"]
+    g_um = measured.set_index("force_N").loc[300.0, "G"]
     notes = []
     for language in ("en", "de"):
         note = SheetNumbers(findings, words_of(language), 300.0).path["G"].note
         notes.append(note.replace("\u00a0", " "))
     assert notes == [
-        f"measured at 300 N on an arc of 200° alone, with the balls' form: {shown:.1f}",
-        f"gemessen bei 300 N nur auf einem Bogen von 200°, mit Kugelform: {shown:.1f}".replace(
-            f"{shown:.1f}", f"{shown:.1f}".replace(".", ",")
+        f"measured at 300 N on an arc of 200° alone, with the balls' form: {g_um:.1f}",
+        f"gemessen bei 300 N nur auf einem Bogen von 200°, mit Kugelform: {g_um:.1f}".replace(
+            f"{g_um:.1f}", f"{g_um:.1f}".replace(".", ",")
         ),
     ]
 
@@ -895,12 +895,12 @@ def test_a_circle_contains_the_balls_where_the_model_has_no_form_of_them(
     model: lb.HybridModel, contains_balls: bool
 ) -> None:
     posterior = fitted(model, simulated(plan()))
-    found = findings_of_fit(posterior, comparison=NOT_COMPARED, recommended=NOT_COMPARED)
-    sentences = list(plain_findings._sentences_under_load(SheetNumbers(found, EN, 389.0)))
+    findings = findings_of_fit(posterior, comparison=NOT_COMPARED, recommended=NOT_COMPARED)
+    sentences = list(plain_findings._sentences_under_load(SheetNumbers(findings, EN, 389.0)))
     _, of_path = sentences
     assert ("so that G contains it" in of_path) == contains_balls
     assert ("without the form of the balls" in of_path) != contains_balls
-    section = str(next(sections.path(found)))
+    section = str(next(sections.path(findings)))
     assert ("so that G contains it" in section) == contains_balls
 
 
@@ -1039,9 +1039,9 @@ def test_plain_words_say_where_the_machine_yields_most(english: Sheets) -> None:
 def test_a_sentence_says_that_the_readings_do_not_determine_the_direction(
     language: str, text: str
 ) -> None:
-    every = AxialDirection(40.0, 52.0, 104.0, -45.0, 125.0, 0.95, 0.0, is_determined=False)
+    direction = AxialDirection(40.0, 52.0, 104.0, -45.0, 125.0, 0.95, 0.0, is_determined=False)
     words = words_of(language)
-    assert stiffness_numbers._direction_in_sentence(every, "X", words) == text
+    assert stiffness_numbers._direction_in_sentence(direction, "X", words) == text
 
 
 def test_plain_words_name_the_softer_axis_with_its_probability(findings: Findings) -> None:
@@ -1058,8 +1058,8 @@ def test_one_axis_is_named_to_begin_with_where_planes_share_an_axis() -> None:
         values = {"softer": softer, "stiffer": stiffer}
         findings.append(Finding(FindingKind.SOFT_AXIS, 0.99, values))
     findings.append(Finding(FindingKind.SQUARENESS, 0.99, {"name": "Squareness"}))
-    left = plain_findings._without_stiffer_axes(findings)
-    assert left == [findings[0], findings[2]]
+    softest = plain_findings._without_stiffer_axes(findings)
+    assert softest == [findings[0], findings[2]]
 
 
 @pytest.mark.parametrize(
@@ -1081,8 +1081,8 @@ def test_what_is_stated_by_its_interval_is_not_called_skewed(language: str, text
     ("probability", "text"), [(0.9496, "94.9 %"), (0.94, "94 %"), (0.9451, "94.5 %")]
 )
 def test_a_probability_below_a_limit_is_not_rounded_to_it(probability: float, text: str) -> None:
-    shown = words_of("en").percent(probability, below=0.95)
-    assert shown.replace("\u00a0", " ") == text
+    percentage = words_of("en").percent(probability, below=0.95)
+    assert percentage.replace("\u00a0", " ") == text
 
 
 def test_confounded_errors_are_listed_although_the_readings_narrow_them(
@@ -1106,7 +1106,7 @@ def test_no_more_than_three_findings(findings: Findings) -> None:
 
 
 @pytest.mark.parametrize(
-    ("language", "said"),
+    ("language", "sentence"),
     [
         ("en", "two waves around the circle and does not grow with force is {} ± {} µm"),
         (
@@ -1116,7 +1116,7 @@ def test_no_more_than_three_findings(findings: Findings) -> None:
     ],
 )
 def test_what_both_directions_show_is_said_to_be_a_part_of_their_difference(
-    language: str, said: str
+    language: str, sentence: str
 ) -> None:
     """A constant and other waves differ as well."""
     base = simulated(plan())
@@ -1135,7 +1135,7 @@ def test_what_both_directions_show_is_said_to_be_a_part_of_their_difference(
     texts = value_and_uncertainty(2e3 * coefficient["mean"], 4e3 * coefficient["sd"])
     sentences = " ".join(plain_findings.plain_words(numbers).items)
     assert 2e3 * coefficient["mean"] == pytest.approx(4.0, abs=0.2)
-    assert said.format(*map(numbers.words.number, texts)) in sentences
+    assert sentence.format(*map(numbers.words.number, texts)) in sentences
 
 
 def test_one_direction_cannot_show_backlash(english: Sheets) -> None:
@@ -1146,13 +1146,13 @@ def test_one_direction_cannot_show_backlash(english: Sheets) -> None:
 
 
 @pytest.mark.parametrize(
-    ("language", "said"),
+    ("language", "sentence"),
     [
         ("en", "Of the tests f036, again, f300 and f300b, each holds the same readings as another"),
         ("de", "Von den Messungen f036, again, f300 und f300b hat jede dieselben Messwerte wie"),
     ],
 )
-def test_the_box_names_circles_that_were_read_twice(language: str, said: str) -> None:
+def test_the_box_names_circles_that_were_read_twice(language: str, sentence: str) -> None:
     """Nothing in the fit shows it, and U is too small."""
     campaign = simulated(plan())
     again = replace(campaign.tests[0], name="again")
@@ -1160,25 +1160,25 @@ def test_the_box_names_circles_that_were_read_twice(language: str, said: str) ->
     findings = findings_of(replace(campaign, tests=(*campaign.tests, again, other)))
     banner = sheets(findings, language=language)[0].blocks[0]
     assert isinstance(banner, Banner)
-    assert said in banner.sentence
+    assert sentence in banner.sentence
 
 
 def test_directions_that_are_not_stated_are_not_taken_for_one() -> None:
     base = simulated(plan())
     one_way = replace(base, tests=tuple(replace(test, direction="CCW") for test in base.tests))
-    for campaign, said, field in (
+    for campaign, sentence, field in (
         (base, "no circle states its direction", "direction not stated"),
         (one_way, "the circles were run in one direction", "counterclockwise"),
     ):
         first, _ = sheets(findings_of(campaign))
-        assert any(said in item for item in plain_of(first).items)
+        assert any(sentence in item for item in plain_of(first).items)
         (fields, *_) = [block for block in first.blocks if isinstance(block, Fields)]
         assert field in dict(fields.entries)["Feed, direction, order"]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("directions", "without", "said"),
+    ("directions", "without", "sentence"),
     [
         ({"XY": ("CW",), "YZ": ("CCW",), "ZX": ("CW",)}, (), "of no plane are circles in both"),
         ({"XY": ("CW",), "YZ": ("CW",), "ZX": (None,)}, (), "of no plane are circles in both"),
@@ -1186,7 +1186,7 @@ def test_directions_that_are_not_stated_are_not_taken_for_one() -> None:
     ],
 )
 def test_circles_of_several_directions_are_not_said_to_have_one(
-    directions: dict[str, tuple[str | None, ...]], without: tuple[str, ...], said: str
+    directions: dict[str, tuple[str | None, ...]], without: tuple[str, ...], sentence: str
 ) -> None:
     planned = plan() if len(directions) == 1 else plan_of_three_planes()
     tests = []
@@ -1197,7 +1197,7 @@ def test_circles_of_several_directions_are_not_said_to_have_one(
     model = lb.HybridModel.default(1).without(*without)
     findings = findings_of_fit(fitted(model, campaign), sheets_only=True)
     plain = plain_findings.plain_words(SheetNumbers(findings, words_of("en"), 389.0))
-    assert any(said in item for item in plain.items)
+    assert any(sentence in item for item in plain.items)
 
 
 def undetermined(*partners: str) -> StatedQuantity:
@@ -1244,8 +1244,8 @@ def test_no_squareness_that_is_not_determined_is_to_be_corrected(
         "Squareness", "E", 5e-5, 1e-5, (3e-5, 7e-5), "rad", is_undetermined=is_undetermined
     )
     numbers = with_squareness(error)
-    found = list(plain_findings._squareness_findings(numbers))
-    assert [str(finding.kind) for finding in found] == kinds
+    findings = list(plain_findings._squareness_findings(numbers))
+    assert [str(finding.kind) for finding in findings] == kinds
 
 
 @pytest.mark.parametrize(
@@ -1262,8 +1262,8 @@ def test_a_confounded_squareness_is_to_be_confirmed_first(
     entry = judged("confounded" if partners else "identified", *partners)
     error = StatedQuantity("Squareness", "E", 5e-5, 1e-5, (3e-5, 7e-5), "rad", entry)
     numbers = with_squareness(error)
-    (found,) = plain_findings._squareness_findings(numbers)
-    assert found.values["advice"].startswith(advice)
+    (finding,) = plain_findings._squareness_findings(numbers)
+    assert finding.values["advice"].startswith(advice)
 
 
 def gum_sentence(findings: Findings, force_N: float, entries: dict[str, Any]) -> str:

@@ -57,7 +57,7 @@ def without_annex(posterior: xr.DataTree) -> Findings:
 
 
 @pytest.fixture(scope="module")
-def alone(without_annex: Findings) -> tuple[ReportSheet, ...]:
+def two_sheets(without_annex: Findings) -> tuple[ReportSheet, ...]:
     """The sheets of a report without annex; their figures are empty."""
     with pytest.MonkeyPatch.context() as patch:
         undrawn(patch)
@@ -97,21 +97,21 @@ def test_the_page_has_two_sheets_and_no_annex(folder: Path) -> None:
 
 
 def test_sheet_1_differs_by_one_note(
-    complete: tuple[ReportSheet, ...], alone: tuple[ReportSheet, ...]
+    complete: tuple[ReportSheet, ...], two_sheets: tuple[ReportSheet, ...]
 ) -> None:
-    assert len(alone[0].blocks) == len(complete[0].blocks) + 1
+    assert len(two_sheets[0].blocks) == len(complete[0].blocks) + 1
     note = (
         "These two sheets were made without the annex, which tries what other assumptions would"
         " change."
     )
-    assert set(texts(alone[0])) - set(texts(complete[0])) == {note}
+    assert set(texts(two_sheets[0])) - set(texts(complete[0])) == {note}
 
 
 def test_sheet_2_is_the_same(
-    complete: tuple[ReportSheet, ...], alone: tuple[ReportSheet, ...]
+    complete: tuple[ReportSheet, ...], two_sheets: tuple[ReportSheet, ...]
 ) -> None:
-    assert texts(alone[1]) == texts(complete[1])
-    assert alone[1].blocks[0] == complete[1].blocks[0]
+    assert texts(two_sheets[1]) == texts(complete[1])
+    assert two_sheets[1].blocks[0] == complete[1].blocks[0]
 
 
 def test_the_note_has_a_german_text(without_annex: Findings) -> None:
@@ -125,8 +125,9 @@ def test_a_comparison_that_is_known_counts(
     posterior: xr.DataTree, compared: lb.analysis.Comparison
 ) -> None:
     record = replace(compared.campaign, sha256=campaign_of(posterior).sha256)
-    known = replace(compared, campaign=record)
-    assert findings_of_fit(posterior, comparison=known, sheets_only=True).comparison is known
+    comparison = replace(compared, campaign=record)
+    findings = findings_of_fit(posterior, comparison=comparison, sheets_only=True)
+    assert findings.comparison is comparison
 
 
 def test_an_annex_cannot_be_printed_and_left_out(posterior: xr.DataTree, tmp_path: Path) -> None:
@@ -151,8 +152,8 @@ def test_only_the_annex_compares_campaigns(posterior: xr.DataTree, tmp_path: Pat
     )
 
 
-def test_a_page_without_annex_is_well_formed(alone: tuple[ReportSheet, ...]) -> None:
-    document = Document("A title", (), (), (), alone)
+def test_a_page_without_annex_is_well_formed(two_sheets: tuple[ReportSheet, ...]) -> None:
+    document = Document("A title", (), (), (), two_sheets)
     assert html_page(document).rstrip().endswith("</main>\n</body>\n</html>")
 
 
