@@ -236,9 +236,9 @@ def test_a_sentence_of_the_report_bears_the_language_of_the_report() -> None:
     outcome = {"converged": True, "state": "USABLE", "alerts": ["Look."], "language": "en"}
     fit = SimpleNamespace(outcome=outcome, running=False)
     session = SimpleNamespace(fit=fit, file_sizes={"a.csv": 1}, fitted=1)
-    shown = templates.Templates().show("fit.html.j2", "de", session=session)
-    assert '<span lang="en">USABLE</span>' in shown
-    assert '<ul lang="en"><li>Look.</li>' in shown
+    page = templates.Templates().show("fit.html.j2", "de", session=session)
+    assert '<span lang="en">USABLE</span>' in page
+    assert '<ul lang="en"><li>Look.</li>' in page
 
 
 def test_a_computation_says_how_long_it_has_run(tmp_path: Path) -> None:
@@ -266,9 +266,9 @@ def test_a_german_page_shows_no_english_refusal(tab: Tab, statements: dict[str, 
 
 
 def test_a_message_without_german_words_is_announced_and_marked_as_english() -> None:
-    found = {"refused": "something quite new"}
-    shown = templates.Templates().show("forecast.html.j2", "de", found=found)
-    assert 'nur auf Englisch: <span lang="en">something quite new</span>' in shown
+    outcome = {"refused": "something quite new"}
+    page = templates.Templates().show("forecast.html.j2", "de", found=outcome)
+    assert 'nur auf Englisch: <span lang="en">something quite new</span>' in page
 
 
 @pytest.mark.slow
@@ -521,8 +521,8 @@ def test_no_table_of_what_to_expect_is_wider_than_a_screen() -> None:
     """Of three planes there are 30 parameters: 15 fit into 1088 pixels side by side."""
     row = {"before": "0.48", "unit": "µrad/(N m)"}
     today = [row | {"name": f"C_{k}"} for k in range(31)]
-    found = {"effects": {}, "contradicted": [], "today": today}
-    page = templates.Templates().show("worth.html.j2", "en", found=found)
+    outcome = {"effects": {}, "contradicted": [], "today": today}
+    page = templates.Templates().show("worth.html.j2", "en", found=outcome)
     columns = [table.count("<th ") for table in page.split("<table")[1:]]
     assert columns == [15, 15, 1]
     assert page.count("<td ") == 31

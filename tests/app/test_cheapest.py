@@ -68,8 +68,8 @@ def search(
     """The folder of a search, what it found, and the steps that it reported."""
     folder = tmp_path_factory.mktemp("search")
     steps: list[int] = []
-    found = searched(folder, ASKED, steps)
-    return folder, found, steps
+    outcome = searched(folder, ASKED, steps)
+    return folder, outcome, steps
 
 
 # ---- the same as the command
@@ -101,20 +101,20 @@ def test_the_files_are_those_of_the_command_to_the_digit(
 
 @pytest.mark.slow
 def test_the_page_shows_what_the_command_prints(search: tuple[Path, Any, Any]) -> None:
-    folder, found, _ = search
+    folder, outcome, _ = search
     record = json.loads((folder / cheapest.CHEAPEST / "1" / "goals.json").read_text())
     printed = []
     for passage in parts_of(GoalDesign.from_dict(record)):
         if isinstance(passage, str):
             passage = passage.replace("--augment", "“The tests already run count as well”")
         printed.append(passage)
-    assert cheapest.passages_shown(found, "en") == tuple(printed)
+    assert cheapest.passages_shown(outcome, "en") == tuple(printed)
 
 
 @pytest.mark.slow
 def test_each_campaign_has_its_circles_in_order_and_its_cost(search: tuple[Path, Any, Any]) -> None:
-    folder, found, _ = search
-    for number, campaign in enumerate(found["campaigns"], start=1):
+    folder, outcome, _ = search
+    for number, campaign in enumerate(outcome["campaigns"], start=1):
         plan = lb.read_campaign(folder / cheapest.CHEAPEST / str(number))
         forces = [f"{float(test.force_N or 0.0):.4g}" for test in plan.tests]
         assert [test["force"] for test in campaign["tests"]] == forces
@@ -151,9 +151,9 @@ def test_the_page_names_its_own_box_and_no_option_of_the_command(
         "passages": [{"text": "With --augment circles are added to those run so far."}],
         "pilot": {"name": "a"},
     }
-    (shown,) = cheapest.passages_shown(outcome, language)
-    assert isinstance(shown, str)
-    assert shown.startswith(sentence)
+    (passage,) = cheapest.passages_shown(outcome, language)
+    assert isinstance(passage, str)
+    assert passage.startswith(sentence)
 
 
 def test_a_goal_that_no_circles_reach_names_what_holds_it(unreached: dict[str, Any]) -> None:
@@ -188,7 +188,7 @@ def test_the_costs_on_the_page_begin_with_those_of_the_command() -> None:
 
 def test_what_circles_cost_is_asked_once(fitted: Path) -> None:
     """By sliders, which begin with the costs of the command; the search has no fields for it."""
-    found = {
+    outcome = {
         "asked": planning_defaults() | {"goals": {}, "directions": "", "augment": False},
         "pilot": {"low": 36.0, "high": 742.0},
         "rows": [],
@@ -204,7 +204,7 @@ def test_what_circles_cost_is_asked_once(fitted: Path) -> None:
     session: Any = SimpleNamespace(
         fitted=1, edition=1, searched={}, search=SimpleNamespace(outcome={}, running=False)
     )
-    page = Templates().show("plan.html.j2", "en", session=session, found=found, passages=())
+    page = Templates().show("plan.html.j2", "en", session=session, found=outcome, passages=())
     names = re.findall(r'<(?:input|select)[^>]* name="(\w+)"', page)
     for name in COST_OPTIONS:
         assert names.count(name) == 1, name
@@ -218,17 +218,17 @@ def test_what_circles_cost_is_asked_once(fitted: Path) -> None:
 def test_the_search_takes_the_probability_that_is_typed(
     fitted: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    taken: dict[str, Any] = {}
+    settings_of_search: dict[str, Any] = {}
 
     def without_search(model: Any, pilot: Any, settings: dict[str, Any], progress: Any) -> Any:
-        taken.update(settings)
+        settings_of_search.update(settings)
         raise lb.InputError("no search in this test")
 
     monkeypatch.setattr(cheapest, "find_for_goals", without_search)
     asked = {"goal_C_XXX": "5 %", "probability": "0,75"}
     with pytest.raises(lb.InputError, match="no search"):
         cheapest.find_cheapest_campaigns(fitted, asked, None)
-    assert taken["probability"] == 0.75
+    assert settings_of_search["probability"] == 0.75
 
 
 # ---- entries that cannot be used
@@ -273,10 +273,10 @@ def test_a_refused_entry_has_german_words(fitted: Path, asked: dict[str, str]) -
 
 def test_certificates_may_be_named_in_german(fitted: Path) -> None:
     balls = "Kugeln G5=1, Werkstückkugel G5=1, Werkzeugkugel G5=1"
-    others = "Messgerät=1, Aufnahme=1, Kraft=1, Winkel=1"
+    without_balls = "Messgerät=1, Aufnahme=1, Kraft=1, Winkel=1"
 
     assert cheapest.wrong_entry(fitted, {"certificates": balls}) == {}
-    assert cheapest.wrong_entry(fitted, {"certificates": others}) == {}
+    assert cheapest.wrong_entry(fitted, {"certificates": without_balls}) == {}
 
 
 def test_entries_that_can_be_used_are_not_refused(fitted: Path) -> None:

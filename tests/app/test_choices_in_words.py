@@ -164,12 +164,12 @@ def words_of_choice(name: str, value: str) -> str:
     return str(choices.get(f"{name} {value}", choices.get(value, values.get(value, ""))))
 
 
-@pytest.mark.parametrize("said", CHOICES, ids=lambda said: f"{said.name} {said.value}")
-def test_a_choice_means_what_its_words_say(said: Said, tmp_path: Path) -> None:
-    assert label_of(said.name).startswith(said.label)
-    assert words_of_choice(said.name, said.value) == said.choice
-    campaign = read_with(tmp_path, said.files, {said.name: said.value})
-    assert said.holds(campaign)
+@pytest.mark.parametrize("case", CHOICES, ids=lambda case: f"{case.name} {case.value}")
+def test_a_choice_means_what_its_words_say(case: Said, tmp_path: Path) -> None:
+    assert label_of(case.name).startswith(case.label)
+    assert words_of_choice(case.name, case.value) == case.choice
+    campaign = read_with(tmp_path, case.files, {case.name: case.value})
+    assert case.holds(campaign)
 
 
 @pytest.mark.parametrize("axis", AXES_DEG)
@@ -240,7 +240,7 @@ def test_the_force_law_of_the_form_gives_the_force_of_a_pressure(tmp_path: Path)
 
 
 def test_all_choices_of_the_form_are_tried() -> None:
-    tried = {(said.name, said.value) for said in CHOICES}
+    tried = {(case.name, case.value) for case in CHOICES}
     elsewhere = {"angle_zero", "plane", "topology", "language"}
     missing = []
     for name, field in fields.FIELDS.items():

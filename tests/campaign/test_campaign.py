@@ -162,7 +162,7 @@ def test_digest_is_of_the_data() -> None:
         lb.Campaign((first, second), foreseen=(replace(first, direction="CCW"),)),
         campaign.plan(),
     ]
-    assert len({campaign.sha256, *(own.sha256 for own in different)}) == 11
+    assert len({campaign.sha256, *(other.sha256 for other in different)}) == 11
 
 
 def test_the_digest_of_circles_is_of_their_readings_alone(rng: np.random.Generator) -> None:
@@ -179,12 +179,12 @@ def test_the_digest_of_circles_is_of_their_readings_alone(rng: np.random.Generat
         name="renamed",
         setup=2,
     )
-    alike = [
+    of_same_readings = [
         lb.Campaign((turned, first), order="random", drift=False, resolution_um=0.1),
         lb.Campaign((first, second), mount=MountCompensation(2.0), radius_mm=150.0),
     ]
-    assert {again.circles_sha256 for again in alike} == {campaign.circles_sha256}
-    assert all(again.sha256 != campaign.sha256 for again in alike)
+    assert {again.circles_sha256 for again in of_same_readings} == {campaign.circles_sha256}
+    assert all(again.sha256 != campaign.sha256 for again in of_same_readings)
     nudged = readings[1].copy()
     nudged[3] += 1e-4
     different = [
@@ -194,7 +194,7 @@ def test_the_digest_of_circles_is_of_their_readings_alone(rng: np.random.Generat
         lb.Campaign((first, replace(second, angle_deg=ANGLE + 5.0))),
         lb.Campaign((first, second.with_reading_um(readings[1][::-1]))),
     ]
-    assert len({campaign.circles_sha256, *(own.circles_sha256 for own in different)}) == 6
+    assert len({campaign.circles_sha256, *(other.circles_sha256 for other in different)}) == 6
     assert campaign.plan().circles_sha256 is None
 
 

@@ -301,8 +301,8 @@ def test_the_numbers_that_a_refusal_names_can_be_given(tmp_path: Path) -> None:
     refused = CliRunner().invoke(app, ["check", recovered, "--bar-dcc", str(certificate)])
     assert refused.exit_code == 2
     assert "by hand instead of the DCC" in " ".join(refused.output.split())
-    given = ["--bar-length-error-um", "-0.1", "--bar-U-um", "0.6"]
-    assert CliRunner().invoke(app, ["check", recovered, *given]).exit_code == 0
+    numbers = ["--bar-length-error-um", "-0.1", "--bar-U-um", "0.6"]
+    assert CliRunner().invoke(app, ["check", recovered, *numbers]).exit_code == 0
 
 
 def test_a_hybrid_of_unknown_units_is_refused_with_its_first_unit(tmp_path: Path) -> None:

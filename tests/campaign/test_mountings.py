@@ -38,11 +38,11 @@ def run(*setups: int) -> lb.Campaign:
 def test_a_plan_that_returns_to_a_set_up_gets_a_new_number(
     setups: list[int | None], as_run: tuple[int, ...]
 ) -> None:
-    alone = planned(setups)
-    assert setups_as_run(alone) == as_run
+    one_plan = planned(setups)
+    assert setups_as_run(one_plan) == as_run
     anew = [k for k in range(1, len(as_run)) if as_run[k] != as_run[k - 1]]
-    assert mounted_anew(alone) == anew
-    assert last_setup(alone) is None
+    assert mounted_anew(one_plan) == anew
+    assert last_setup(one_plan) is None
 
 
 def test_the_circles_that_a_plan_is_added_to_have_taken_their_numbers() -> None:
@@ -71,6 +71,6 @@ def test_a_bar_that_is_mounted_in_the_plane_stays_as_it_is() -> None:
         added = replace(planned(setups), pilot=pilot, adds_to_pilot=True)
         assert setups_as_run(added) == as_run
     elsewhere = planned([1])
-    moved = replace(elsewhere.tests[0], centre_x_mm=100.0)
-    added = replace(elsewhere, tests=(moved,), pilot=pilot, adds_to_pilot=True)
+    off_centre = replace(elsewhere.tests[0], centre_x_mm=100.0)
+    added = replace(elsewhere, tests=(off_centre,), pilot=pilot, adds_to_pilot=True)
     assert setups_as_run(added) == (4,)

@@ -156,13 +156,13 @@ def test_preview_notices_certificates_of_one_radius_or_one_plane() -> None:
     of_planes = {"topology": "wXFYZt", "frames_mm": frames}
     one_trace = lb.Campaign(planes, instrument=lb.Instrument(tool=trace), **of_planes)
     kinds = (RemarkKind.ONE_BAR, RemarkKind.ONE_TRACE)
-    shown = []
+    sentences = []
     for campaign in (one_bar, one_trace):
         remarks = lb.check_campaign(campaign).remarks
-        shown += [remark_words(remark) for remark in remarks if remark.kind in kinds]
-    assert len(shown) == 2
-    assert shown[0].startswith("The bar's certificate is used at R = 100 and 150 mm")
-    assert shown[1].startswith(
+        sentences += [remark_words(remark) for remark in remarks if remark.kind in kinds]
+    assert len(sentences) == 2
+    assert sentences[0].startswith("The bar's certificate is used at R = 100 and 150 mm")
+    assert sentences[1].startswith(
         "The harmonics stated for the tool ball are used in planes XY and YZ"
     )
     plain = lb.Campaign(radii)
@@ -266,21 +266,25 @@ def bounded_orders(sphericity_mm: float) -> dict[str, float]:
 @pytest.mark.parametrize("is_stated", [False, True])
 def test_what_is_taken_for_granted_is_what_a_fit_has(is_stated: bool) -> None:
     instrument = lb.Instrument()
-    taken = {name: sds[is_stated] for name, sds in TAKEN.items()}
+    expected_sds = {name: sds[is_stated] for name, sds in TAKEN.items()}
     not_stated = set(TAKEN)
     values = [2.33e-3]
     if is_stated:
         balls = (lb.Ball(grade="G20"), lb.Ball(harmonics_um=((2, 0.21, 35.0),), U_um=0.05))
         instrument = lb.Instrument(*balls, -0.4, 2.0, 2.0, 1.0, 0.6, 1.5, 0.05)
-        taken |= bounded_orders(0.5e-3)
+        expected_sds |= bounded_orders(0.5e-3)
         not_stated = {"mount_curvature", "tool_form_3"}
         values = [0.21e-3, -0.4e-3, 2.33e-3]
     campaign = replace(plan(work_deg=45.0, tool_deg=30.0), instrument=instrument)
 
     assumed = lb.terms.uncertainties(campaign).assumed
-    assert {own.name: own.sd for own in assumed} == pytest.approx(taken, rel=1e-12)
-    assert {own.name for own in assumed if not own.stated} == not_stated
-    assert [own.value for own in assumed if own.value] == pytest.approx(values)
+    assert {uncertainty.name: uncertainty.sd for uncertainty in assumed} == pytest.approx(
+        expected_sds, rel=1e-12
+    )
+    assert {uncertainty.name for uncertainty in assumed if not uncertainty.stated} == not_stated
+    assert [uncertainty.value for uncertainty in assumed if uncertainty.value] == pytest.approx(
+        values
+    )
 
     model = lb.HybridModel.default()
     setting = model.bind(campaign).setting
@@ -290,8 +294,8 @@ def test_what_is_taken_for_granted_is_what_a_fit_has(is_stated: bool) -> None:
             if isinstance(columns, lb.terms.Columns):
                 sd = columns.sd if columns.stated is None else columns.stated
                 sds |= dict(zip(columns.names, sd, strict=True))
-    in_fit = {name: sds[name.replace("form_", "form_cos")] for name in taken}
-    assert in_fit == pytest.approx(taken, rel=1e-12)
+    in_fit = {name: sds[name.replace("form_", "form_cos")] for name in expected_sds}
+    assert in_fit == pytest.approx(expected_sds, rel=1e-12)
 
 
 def test_several_centres_say_where_direct_compliances_and_their_changes_are() -> None:

@@ -256,8 +256,8 @@ def test_force_replaces_a_plan_with_its_pilot(
 def test_force_keeps_a_folder_of_another_kind_called_pilot(
     folder: Path, tmp_path: Path, invoke: Invoke
 ) -> None:
-    kept = tmp_path / "plan" / "pilot"
-    kept.mkdir(parents=True)
+    pilot_folder = tmp_path / "plan" / "pilot"
+    pilot_folder.mkdir(parents=True)
     code, _, stderr = invoke("next", folder, *GOAL, "--out", tmp_path / "plan", "--force")
     assert code == 2, stderr
-    assert kept.is_dir()
+    assert pilot_folder.is_dir()

@@ -56,12 +56,12 @@ def test_a_fit_uses_the_model_beside_the_plan(
 @pytest.mark.slow
 def test_options_win_over_the_model_beside_the_plan(in_part: Path, invoke: Invoke) -> None:
     options = ("identify", in_part, "--json")
-    beside = json.loads(invoke(*options)[1])
-    same = json.loads(invoke(*options, "--model", in_part / "model.toml")[1])
-    assert beside == same
+    by_file_of_plan = json.loads(invoke(*options)[1])
+    by_option = json.loads(invoke(*options, "--model", in_part / "model.toml")[1])
+    assert by_file_of_plan == by_option
     code, stdout, stderr = invoke(*options, "--preset", "first")
     assert (code, stderr) == (0, "")
-    assert json.loads(stdout)["parameters"] != beside["parameters"]
+    assert json.loads(stdout)["parameters"] != by_file_of_plan["parameters"]
     constant = json.loads(invoke(*options, "--degree", 0)[1])
     assert constant["degree"] == 0
 
@@ -173,8 +173,8 @@ def test_no_stiffness_is_stated_of_a_plane_that_has_not_been_run(tmp_path: Path)
     """A plan of two planes of which one has been run has the parameters of both."""
     planned = plan_of_three_planes()
     run = planned.select([test.name for test in planned.tests if test.plane == "XY"])
-    others = tuple(test for test in planned.tests if test.plane == "YZ")
-    campaign = replace(simulated(run), foreseen=others)
+    tests_in_yz = tuple(test for test in planned.tests if test.plane == "YZ")
+    campaign = replace(simulated(run), foreseen=tests_in_yz)
     rule = lb.inference.StoppingRule(ess=300.0)
     posterior = lb.sample(MODEL, campaign, sampler="independent", rule=rule)
     assert "C_ZZZ" in posterior["posterior"]

@@ -34,9 +34,9 @@ def at_a_terminal(arguments: list[str], typed: str) -> tuple[int, str]:
     ) as process:
         os.close(process_end)
         os.write(terminal, typed.encode())
-        shown = read_to_the_end(terminal)
+        screen = read_to_the_end(terminal)
     os.close(terminal)
-    return process.returncode, " ".join(shown.decode().split())
+    return process.returncode, " ".join(screen.decode().split())
 
 
 QUESTIONS = {
@@ -53,8 +53,8 @@ def test_import_asks_what_files_leave_open(name: str, tmp_path: Path) -> None:
     answer, question = QUESTIONS[name]
     files = written(tmp_path, name)
     out = tmp_path / "campaign"
-    code, shown = at_a_terminal(["import", *files, "--out", str(out)], f"{answer}\n")
-    assert (code, question in shown) == (0, True), shown
+    code, screen = at_a_terminal(["import", *files, "--out", str(out)], f"{answer}\n")
+    assert (code, question in screen) == (0, True), screen
     case = field_files.CASES[name]
     off = field_files.differences(lb.read_campaign(out), case.circles)
     assert field_files.agrees(off), off
@@ -66,24 +66,26 @@ def test_with_yes_nothing_is_asked(command: str, tmp_path: Path) -> None:
     answer, question = QUESTIONS["sign_unclear"]
     files = written(tmp_path, "sign_unclear")
     out = ["--out", str(tmp_path / "out")]
-    code, shown = at_a_terminal([command, *files, "--yes", *out], f"{answer}\n")
-    assert (code, question in shown) == (2, True), shown
+    code, screen = at_a_terminal([command, *files, "--yes", *out], f"{answer}\n")
+    assert (code, question in screen) == (2, True), screen
 
 
 @pytest.mark.slow
 def test_two_questions_are_asked_one_after_the_other(tmp_path: Path) -> None:
     files = written(tmp_path, "zero_oclock")
     out = tmp_path / "campaign"
-    code, shown = at_a_terminal(["import", *files, "--out", str(out)], "+Y\nCW\n")
-    assert (code, "must begin at an axis" in shown, "must run" in shown) == (0, True, True), shown
+    code, screen = at_a_terminal(["import", *files, "--out", str(out)], "+Y\nCW\n")
+    assert (code, "must begin at an axis" in screen, "must run" in screen) == (0, True, True), (
+        screen
+    )
 
 
 @pytest.mark.slow
 def test_a_wrong_answer_is_asked_again(tmp_path: Path) -> None:
     files = written(tmp_path, "guess_open")
     out = tmp_path / "campaign"
-    code, shown = at_a_terminal(["import", *files, "--out", str(out)], "furlong\nmm\n")
-    assert (code, "it should be one of um, mm" in shown) == (0, True), shown
+    code, screen = at_a_terminal(["import", *files, "--out", str(out)], "furlong\nmm\n")
+    assert (code, "it should be one of um, mm" in screen) == (0, True), screen
 
 
 @pytest.mark.slow
@@ -98,8 +100,8 @@ def test_the_answer_is_kept_in_import_toml(tmp_path: Path) -> None:
 def test_report_that_may_ask_nothing_refuses_at_a_terminal(tmp_path: Path) -> None:
     files = written(tmp_path, "guess_open")
     out = tmp_path / "report"
-    code, shown = at_a_terminal(["report", *files, "--yes", "--out", str(out)], "")
-    assert (code, "Say which: --unit." in shown, out.exists()) == (2, True, False), shown
+    code, screen = at_a_terminal(["report", *files, "--yes", "--out", str(out)], "")
+    assert (code, "Say which: --unit." in screen, out.exists()) == (2, True, False), screen
 
 
 def test_import_without_a_terminal_refuses(tmp_path: Path) -> None:
@@ -119,5 +121,5 @@ def test_import_without_a_terminal_refuses(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_identify_asks_what_files_leave_open(tmp_path: Path) -> None:
     files = written(tmp_path, "guess_open")
-    code, shown = at_a_terminal(["identify", *files], "mm\n")
-    assert (code, "or 2 µm/N in mm" in shown) == (0, True), shown
+    code, screen = at_a_terminal(["identify", *files], "mm\n")
+    assert (code, "or 2 µm/N in mm" in screen) == (0, True), screen
