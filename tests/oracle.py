@@ -323,19 +323,19 @@ class Oracle:
             return self.given_estimate
         count = self.compliance.shape[1]
         value = np.linalg.pinv(constant * scale, rcond=1e-10) @ self.y * scale
-        known = Estimate(value[:count], np.zeros(count), value[count:])
+        estimate = Estimate(value[:count], np.zeros(count), value[count:])
         if self.edition != "third":
-            return known
+            return estimate
         degree = min(1, self.degree)
         for _ in range(STEPS):  # each about the estimate of the last
             reference = replace(
-                self, degree=degree, given_estimate=known, given_priors=self._priors_to(degree)
+                self, degree=degree, given_estimate=estimate, given_priors=self._priors_to(degree)
             )
             posterior = reference.given(reference.medians())
             sd = np.sqrt(np.diag(posterior.covariance))
             errors = len(posterior.mean) - len(scale) + count
-            known = Estimate(posterior.mean[:count], sd[:count], posterior.mean[errors:])
-        return known
+            estimate = Estimate(posterior.mean[:count], sd[:count], posterior.mean[errors:])
+        return estimate
 
     def _priors_to(self, degree: int) -> dict[str, tuple[float, float]]:
         """The given priors without those of slopes of higher degrees."""

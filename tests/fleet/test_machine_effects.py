@@ -166,12 +166,12 @@ def test_what_the_machine_keeps_does_not_average_out(rows: pd.DataFrame) -> None
     C_XXX would be better known than the one joint load of the machine lets it be."""
     first = rows.iloc[:1]
     many = pd.concat([first] * 9)
-    one = fleet_statistics(many, one_instrument=False)
-    others = many.assign(machine_id=[f"M{k}" for k in range(9)])
-    apart = fleet_statistics(others, one_instrument=False)
-    assert apart.machine == ()
+    of_one = fleet_statistics(many, one_instrument=False)
+    of_nine_machines = many.assign(machine_id=[f"M{k}" for k in range(9)])
+    of_many = fleet_statistics(of_nine_machines, one_instrument=False)
+    assert of_many.machine == ()
     sds = []
-    for statistics in (one, apart):
+    for statistics in (of_one, of_many):
         precision = statistics.likelihood.precision.sum(axis=0)
         q = len(precision)
         sds.append(Gaussian(precision + np.eye(q), np.zeros(q)).sd[0])
@@ -181,18 +181,18 @@ def test_what_the_machine_keeps_does_not_average_out(rows: pd.DataFrame) -> None
 def test_compliance_along_the_travel_is_kept_where_the_circles_are_the_same(
     rows: pd.DataFrame,
 ) -> None:
-    one = ["M1", "M1"]
-    alike = rows.assign(circles="the same")
-    kept = machine_effects(alike, one)
-    assert "position_Y_linear" in kept
+    machines = ["M1", "M1"]
+    of_same_circles = rows.assign(circles="the same")
+    with_travel = machine_effects(of_same_circles, machines)
+    assert "position_Y_linear" in with_travel
     for circles in (["one", "another"], ["one", None]):
-        others = machine_effects(rows.assign(circles=circles), one)
-        assert [name for name in kept if name not in others] == [
+        without_travel = machine_effects(rows.assign(circles=circles), machines)
+        assert [name for name in with_travel if name not in without_travel] == [
             f"position_{axis}_{law}" for axis in "XY" for law in ("linear", "quadratic")
         ]
-    assert machine_effects(rows.drop(columns="circles"), one) == others
-    of_two = pd.concat([alike, rows.assign(circles=["others", "again others"])])
-    assert machine_effects(of_two, ["M1", "M1", "M2", "M2"]) == kept
+    assert machine_effects(rows.drop(columns="circles"), machines) == without_travel
+    of_two = pd.concat([of_same_circles, rows.assign(circles=["others", "again others"])])
+    assert machine_effects(of_two, ["M1", "M1", "M2", "M2"]) == with_travel
 
 
 def test_a_campaign_with_other_circles_tells_nothing_of_what_the_machine_keeps_along_the_travel(
@@ -201,24 +201,24 @@ def test_a_campaign_with_other_circles_tells_nothing_of_what_the_machine_keeps_a
     """Its effects are integrated out, with their prior variance; those of the others stay."""
     three = pd.concat([rows, rows.iloc[:1]]).assign(circles=["usual", "usual", "other"])
     assert has_usual_circles(three, ["M1"] * 3).tolist() == [True, True, False]
-    likelihood = fleet_statistics(three, one_machine=True)
-    alike = fleet_statistics(three.assign(circles="usual"), one_machine=True)
-    along = [k for k, name in enumerate(likelihood.machine) if name.startswith("position")]
-    first = len(likelihood.prior_sd) - len(likelihood.machine)
+    with_other_circle = fleet_statistics(three, one_machine=True)
+    with_same_circles = fleet_statistics(three.assign(circles="usual"), one_machine=True)
+    along = [k for k, name in enumerate(with_other_circle.machine) if name.startswith("position")]
+    first = len(with_other_circle.prior_sd) - len(with_other_circle.machine)
     effects = first + np.array(along)
-    of_other = likelihood.likelihood.precision[2]
+    of_other = with_other_circle.likelihood.precision[2]
     assert not of_other[effects].any()
     assert not of_other[:, effects].any()
     np.testing.assert_array_equal(
-        likelihood.likelihood.precision[:2], alike.likelihood.precision[:2]
+        with_other_circle.likelihood.precision[:2], with_same_circles.likelihood.precision[:2]
     )
     # The posterior of the parameters from this campaign alone does not depend on whose effects
     # these are: the deviations of the campaign have the rest of their variance.
     posteriors = []
-    for of in (likelihood, alike):
-        precision = of.likelihood.precision[2]
+    for statistics in (with_other_circle, with_same_circles):
+        precision = statistics.likelihood.precision[2]
         q = len(precision)
-        posteriors.append(Gaussian(precision + np.eye(q), of.likelihood.shift[2]))
+        posteriors.append(Gaussian(precision + np.eye(q), statistics.likelihood.shift[2]))
     np.testing.assert_allclose(posteriors[0].mean[:first], posteriors[1].mean[:first], rtol=1e-6)
     np.testing.assert_allclose(posteriors[0].sd[:first], posteriors[1].sd[:first], rtol=1e-6)
 
@@ -365,19 +365,19 @@ def test_a_difference_knows_that_the_mount_is_the_same() -> None:
     reading_um[3] += 1e-4
     nudged = replace(measured, tests=(first.with_reading_um(reading_um), *measured.tests[1:]))
     rule = lb.inference.StoppingRule(ess=500.0)
-    before, same, after = (
+    posterior, restated_posterior, nudged_posterior = (
         lb.sample(MODEL, restated(campaign, by, 0.2), sampler="independent", rule=rule)
         for campaign, by in ((measured, 2.33), (measured, 2.0), (nudged, 2.0))
     )
     refuses(
         "results must be of different readings, got those of 'campaign' twice",
         lb.analysis.compare_posteriors,
-        before,
-        same,
+        posterior,
+        restated_posterior,
     )
     for same_machine in (False, True):
         result = lb.analysis.compare_posteriors(
-            before, after, same_instrument=True, same_machine=same_machine
+            posterior, nudged_posterior, same_instrument=True, same_machine=same_machine
         )
         for name in ("C_XXX", "C_YYY"):
             change = result.loc[name]
@@ -430,14 +430,14 @@ def test_a_row_without_joint_load_may_have_its_reference_force_at_zero(rows: pd.
     model = replace(MODEL.without("joint-load"), reference_force_N=0.0)
     moments = sufficient_statistics(HyperPosterior(model.bind(simulated(plan())), truncated=False))
     first = row(moments, campaign="zero", reference_force_N=0.0)
-    together = pd.concat([pd.DataFrame([first]), rows])
-    statistics = fleet_statistics(together, reference_force_N=FORCE_N)
+    with_zero = pd.concat([pd.DataFrame([first]), rows])
+    statistics = fleet_statistics(with_zero, reference_force_N=FORCE_N)
     assert np.isfinite(statistics.prior_sd).all()
-    alone = fleet_statistics(rows, reference_force_N=FORCE_N)
-    assert statistics.machine == alone.machine
-    loads = [k for k, name in enumerate(alone.machine) if name.startswith("joint_load")]
-    places = [len(alone.prior_sd) - len(alone.machine) + k for k in loads]
-    np.testing.assert_allclose(statistics.prior_sd[places], alone.prior_sd[places])
+    without_zero = fleet_statistics(rows, reference_force_N=FORCE_N)
+    assert statistics.machine == without_zero.machine
+    loads = [k for k, name in enumerate(without_zero.machine) if name.startswith("joint_load")]
+    places = [len(without_zero.prior_sd) - len(without_zero.machine) + k for k in loads]
+    np.testing.assert_allclose(statistics.prior_sd[places], without_zero.prior_sd[places])
 
 
 def test_forces_of_a_load_cell_do_not_follow_the_law() -> None:
@@ -460,10 +460,10 @@ def test_forces_of_a_load_cell_do_not_follow_the_law() -> None:
 def test_no_trend_decides_on_a_plane_that_has_not_been_run() -> None:
     planned = plan_of_three_planes()
     run = planned.select([test.name for test in planned.tests if test.plane == "XY"])
-    others = tuple(test for test in planned.tests if test.plane == "YZ")
+    tests_in_yz = tuple(test for test in planned.tests if test.plane == "YZ")
     entries = []
     for seed in (1, 2):
-        campaign = replace(simulated(run, seed=seed), foreseen=others)
+        campaign = replace(simulated(run, seed=seed), foreseen=tests_in_yz)
         posterior = HyperPosterior(MODEL.bind(campaign), truncated=False)
         fields = {"campaign": f"c{seed}", "reference_force_N": 400.0, "force_max_N": 700.0}
         entries.append(row(sufficient_statistics(posterior), force_min_N=100.0, **fields))

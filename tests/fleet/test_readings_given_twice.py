@@ -66,8 +66,8 @@ def test_a_trend_counts_readings_once_whatever_order_is_stated(batch: Path) -> N
     trend = lb.fleet.find_trend(rows, include_misfits=True)
     caveats = {caveat.kind: caveat.names for caveat in trend.caveats}
     assert caveats[CaveatKind.GIVEN_AGAIN] == ("first_again", "second_again")
-    alone = lb.fleet.find_trend(rows[:2], include_misfits=True)
-    assert trend.probability == alone.probability
+    of_two = lb.fleet.find_trend(rows[:2], include_misfits=True)
+    assert trend.probability == of_two.probability
     assert [visit.campaign for visit in trend.campaigns] == ["first", "second"]
 
 

@@ -150,10 +150,10 @@ def test_a_row_without_the_joint_load_of_its_model_is_refused_at_another_force(
     campaign_moments: SufficientStatistics,
 ) -> None:
     """It comes from a batch of an earlier version; at its own force nothing is missing."""
-    kept = [name for name in campaign_moments.names if not name.startswith("joint_load_")]
-    places = [campaign_moments.names.index(name) for name in kept]
+    names = [name for name in campaign_moments.names if not name.startswith("joint_load_")]
+    places = [campaign_moments.names.index(name) for name in names]
     older = SufficientStatistics(
-        tuple(kept),
+        tuple(names),
         tuple(campaign_moments.units[place] for place in places),
         campaign_moments.mean[places],
         campaign_moments.covariance[np.ix_(places, places)],
@@ -181,14 +181,14 @@ def test_the_best_certificate_of_the_common_instrument_is_of_all_campaigns() -> 
         moments = sufficient_statistics(HyperPosterior(bound, truncated=False))
         rows.append(row(moments, machine_id=f"M{len(rows)}"))
     first, stated, last = (fleet_statistics(pd.DataFrame([one])) for one in rows)
-    together = fleet_statistics(pd.DataFrame(rows))
-    assert together.prior_sd[-2:] == pytest.approx(stated.prior_sd[-2:])
-    assert together.prior_sd[-2] < 0.5 * first.prior_sd[-2]
+    of_all = fleet_statistics(pd.DataFrame(rows))
+    assert of_all.prior_sd[-2:] == pytest.approx(stated.prior_sd[-2:])
+    assert of_all.prior_sd[-2] < 0.5 * first.prior_sd[-2]
     # What a campaign says of the mount is the same, in whatever unit.
     for k, one in enumerate((first, stated, last)):
-        ratio = together.prior_sd / one.prior_sd
+        ratio = of_all.prior_sd / one.prior_sd
         np.testing.assert_allclose(
-            together.likelihood.precision[k],
+            of_all.likelihood.precision[k],
             one.likelihood.precision[0] * np.outer(ratio, ratio),
             rtol=1e-6,
             atol=1e-6,
@@ -378,10 +378,10 @@ def test_which_campaigns_are_relied_on(rows: pd.DataFrame) -> None:
 def test_labels_of_campaigns_left_out_are_unique_in_the_batch(rows: pd.DataFrame) -> None:
     """One of two campaigns of one name is named by its path, whether or not the other is left out
     with it."""
-    same = rows.copy()
-    same.loc[[0, 1], "name"] = "campaign"
-    path = same.loc[0, "campaign"]
-    _, caveats = choose(same, exclude=[path])
+    of_one_name = rows.copy()
+    of_one_name.loc[[0, 1], "name"] = "campaign"
+    path = of_one_name.loc[0, "campaign"]
+    _, caveats = choose(of_one_name, exclude=[path])
     (caveat,) = [caveat for caveat in caveats if caveat.kind == CaveatKind.EXCLUDED]
     assert caveat.names == (path,)
 

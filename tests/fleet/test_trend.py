@@ -543,7 +543,7 @@ def test_the_level_now_and_the_value_that_is_decided_are_told_apart(rows: pd.Dat
     (*_, decision) = trend.conformity["C_YYY"].values()
     assert decision.mean == pytest.approx(newest)
     assert trend.parameters["C_YYY"].level_now.mean != pytest.approx(newest)
-    sentences = " ".join(part for part in parts_of(trend) if isinstance(part, str))
+    sentences = " ".join(passage for passage in parts_of(trend) if isinstance(passage, str))
     assert "Level now: from all campaigns together" in sentences
     assert f"Value of the newest campaign alone, {names_of(trend)[-1]}," in sentences
 
@@ -551,7 +551,9 @@ def test_the_level_now_and_the_value_that_is_decided_are_told_apart(rows: pd.Dat
 def test_tolerances_go_before_those_of_the_newest_campaign(rows: pd.DataFrame) -> None:
     stated = rows.assign(tolerances='{"C_XXX": "60 nm/N", "C_YYY": "50 nm/N"}')
     conformity = lb.fleet.find_trend(stated, tolerances={"C_XXX": "70 nm/N"}).conformity
-    limits = {name: {one.upper for one in of.values()} for name, of in conformity.items()}
+    limits = {
+        name: {one.upper for one in by_force.values()} for name, by_force in conformity.items()
+    }
     assert limits == {"C_XXX": {7e-5}, "C_YYY": {5e-5}}
 
 
@@ -572,9 +574,11 @@ def test_tolerances_of_the_newest_campaign_without_a_decision_are_named(
 
 
 def test_a_campaign_that_failed_is_not_said_to_name_no_machine(rows: pd.DataFrame) -> None:
-    more = pd.concat([rows, rows[-1:].assign(campaign="broken", name=None)], ignore_index=True)
-    more.loc[len(more) - 1, ["status", "machine_id"]] = ["failed", None]
-    trend = lb.fleet.find_trend(more)
+    with_failed = pd.concat(
+        [rows, rows[-1:].assign(campaign="broken", name=None)], ignore_index=True
+    )
+    with_failed.loc[len(with_failed) - 1, ["status", "machine_id"]] = ["failed", None]
+    trend = lb.fleet.find_trend(with_failed)
     caveats = {caveat.kind: caveat.names for caveat in trend.caveats}
     assert caveats[CaveatKind.FAILED_MACHINE_UNKNOWN] == ("broken",)
     assert not {CaveatKind.WITHOUT_MACHINE, CaveatKind.FAILED} & set(caveats)

@@ -27,21 +27,21 @@ def test_probabilities_are_those_of_bayes_theorem() -> None:
 
 
 def test_circles_that_scatter_alike_lighten_the_tails() -> None:
-    alike = shape_probabilities(np.ones((1, 7)))[0]
-    assert alike[0] < 0.1
+    probabilities = shape_probabilities(np.ones((1, 7)))[0]
+    assert probabilities[0] < 0.1
 
 
 def test_an_odd_circle_leaves_the_tails_of_the_prior() -> None:
-    odd = shape_probabilities(np.array([[0.7, 0.8, 0.9, 0.7, 0.8, 0.9, 6.0]]))[0]
-    assert odd[0] > 0.9
+    probabilities = shape_probabilities(np.array([[0.7, 0.8, 0.9, 0.7, 0.8, 0.9, 6.0]]))[0]
+    assert probabilities[0] > 0.9
 
 
 def test_drawn_factors_have_the_distribution_of_the_shapes(rng: np.random.Generator) -> None:
     factors = np.tile([0.9, 1.1, 1.2, 0.8], (200_000, 1))
     weights = shape_probabilities(factors[:1])[0]
-    drawn = draw_new_noise_factors(factors, rng) ** -2.0
+    precisions = draw_new_noise_factors(factors, rng) ** -2.0
     expected = [weights @ gamma(_SHAPES, scale=1.0 / _SHAPES).cdf(x) for x in (0.3, 1.0, 2.5)]
-    shares = [(drawn <= x).mean() for x in (0.3, 1.0, 2.5)]
+    shares = [(precisions <= x).mean() for x in (0.3, 1.0, 2.5)]
     assert shares == pytest.approx(expected, abs=0.005)
 
 
@@ -69,8 +69,8 @@ def test_bands_of_new_circles_are_wider_where_one_circle_was_odd(draws: ModelDra
     names = draws.bound.hyper_prior.names
     odd_phi = draws.phi.copy()
     odd_phi[:, names.index(str(draws.bound.setting.circle[0]))] = 8.0
-    odd = ModelDraws(draws.bound, odd_phi, draws.beta)
-    assert band_width(draws, 1) < 0.9 * band_width(odd, 1)
+    with_odd_circle = ModelDraws(draws.bound, odd_phi, draws.beta)
+    assert band_width(draws, 1) < 0.9 * band_width(with_odd_circle, 1)
 
 
 def test_circles_that_scatter_as_the_prior_says_have_wider_bands(draws: ModelDraws) -> None:

@@ -58,7 +58,9 @@ def test_balls_less_round_than_a_grade(balls: str, contradicted: tuple[str, ...]
     nodes = hyper_parameter_nodes(bound)
     assert contradicted_certificates(bound, missing, *nodes) == contradicted
     certified = replace(campaign, instrument=ROUND)
-    evidences = [lb.log_evidence(MODEL, of, tolerance=0.1) for of in (campaign, certified)]
+    evidences = [
+        lb.log_evidence(MODEL, readings, tolerance=0.1) for readings in (campaign, certified)
+    ]
     log_ratio = evidences[1].log_value - evidences[0].log_value
     assert (log_ratio < -5.0) == bool(contradicted)
 
@@ -74,7 +76,9 @@ def test_balls_much_rounder_than_a_grade_do_not_contradict_it() -> None:
     campaign = MODEL.simulate(lb.Campaign(tuple(tests)), seed=2, hyper_um=hyper).campaign
     bound = MODEL.bind(campaign)
     certified = replace(campaign, instrument=ROUND)
-    evidences = [lb.log_evidence(MODEL, of, tolerance=0.1) for of in (campaign, certified)]
+    evidences = [
+        lb.log_evidence(MODEL, readings, tolerance=0.1) for readings in (campaign, certified)
+    ]
     assert evidences[1].log_value - evidences[0].log_value < -5.0
     missing = missing_certificates(campaign.instrument)
     assert contradicted_certificates(bound, missing, *hyper_parameter_nodes(bound)) == ()
@@ -92,7 +96,9 @@ def test_a_fit_says_that_balls_are_less_round_than_stated() -> None:
     (concern,) = [one for one in fit.concerns if one.kind == ConcernKind.BALLS]
     campaign = campaign_of("lobed")
     certified = replace(campaign, instrument=ROUND)
-    evidences = [lb.log_evidence(MODEL, of, tolerance=0.1) for of in (campaign, certified)]
+    evidences = [
+        lb.log_evidence(MODEL, readings, tolerance=0.1) for readings in (campaign, certified)
+    ]
     assert concern.value == pytest.approx(evidences[1].log_value - evidences[0].log_value, rel=0.02)
     assert fit.state == State.DOUBTFUL
     judgement = judge_fit(fit)

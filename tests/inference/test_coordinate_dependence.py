@@ -61,19 +61,19 @@ def test_the_log_width_is_that_of_the_numerical_derivative() -> None:
 def test_the_width_of_a_funnel_is_found() -> None:
     u = funnel()
     z = fit_dependence(u, EVEN).remove(u).points
-    before = np.corrcoef(u[:, 0], u[:, 2] ** 2)[0, 1]
-    after = np.corrcoef(u[:, 0], z[:, 2] ** 2)[0, 1]
-    assert before > 0.3
-    assert abs(after) < 0.03
+    correlation = np.corrcoef(u[:, 0], u[:, 2] ** 2)[0, 1]
+    correlation_removed = np.corrcoef(u[:, 0], z[:, 2] ** 2)[0, 1]
+    assert correlation > 0.3
+    assert abs(correlation_removed) < 0.03
 
 
 def test_the_bend_of_a_banana_is_found() -> None:
     u = banana()
     z = fit_dependence(u, EVEN).remove(u).points
-    before = np.corrcoef(u[:, 1] ** 2, u[:, 3])[0, 1]
-    after = np.corrcoef(u[:, 1] ** 2, z[:, 3])[0, 1]
-    assert before < -0.3
-    assert abs(after) < 0.03
+    correlation = np.corrcoef(u[:, 1] ** 2, u[:, 3])[0, 1]
+    correlation_removed = np.corrcoef(u[:, 1] ** 2, z[:, 3])[0, 1]
+    assert correlation < -0.3
+    assert abs(correlation_removed) < 0.03
 
 
 def test_a_single_coordinate_depends_on_nothing() -> None:

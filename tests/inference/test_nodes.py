@@ -96,9 +96,9 @@ def test_no_probability_is_computed_twice(
     monkeypatch.setattr(soft, "given", counted)
     truncated = posterior.truncate(nodes, 2e-3)
     assert truncated.integral.log_integral == pytest.approx(expected, abs=1e-3)
-    every = np.concatenate(evaluated)
+    points = np.concatenate(evaluated)
     assert len(evaluated) > 1
-    assert len(np.unique(every, axis=0)) == len(every)
+    assert len(np.unique(points, axis=0)) == len(points)
 
 
 @pytest.mark.parametrize("required", [True, False])
@@ -203,7 +203,7 @@ def test_the_mode_of_a_similar_density_does_not_hide_a_higher_mode() -> None:
     of_linear = HyperPosterior(linear.bind(campaign), truncated=False)
     # Without the slope of C_XXX, which is large here, the readings ask for other scales.
     reduced = linear.fixing("C_XXX_1").bind(campaign)
-    alone = HyperPosterior(reduced, truncated=False)
-    beside = HyperPosterior(reduced, truncated=False, near=of_linear.mode)
-    heights = [float(one.log_density(one.mode[None])[0]) for one in (alone, beside)]
+    from_prior = HyperPosterior(reduced, truncated=False)
+    from_mode_nearby = HyperPosterior(reduced, truncated=False, near=of_linear.mode)
+    heights = [float(one.log_density(one.mode[None])[0]) for one in (from_prior, from_mode_nearby)]
     assert heights[1] == pytest.approx(heights[0], abs=1e-3)

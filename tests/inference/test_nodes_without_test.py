@@ -33,8 +33,8 @@ def nodes(campaign: lb.Campaign) -> Nodes:
 
 
 def posterior_without(nodes: Nodes, test: str) -> HyperPosterior:
-    kept = [name for name in nodes.bound.test_names if name != test]
-    bound = BoundModel(nodes.bound.model, nodes.bound.campaign, keep_tests=kept)
+    test_names = [name for name in nodes.bound.test_names if name != test]
+    bound = BoundModel(nodes.bound.model, nodes.bound.campaign, keep_tests=test_names)
     return HyperPosterior(bound, truncated=bound.truncation.active)
 
 
@@ -124,8 +124,8 @@ def test_nodes_of_few_tests_are_computed_anew(monkeypatch: pytest.MonkeyPatch) -
     angle = np.arange(40) * 9.0
     plan = lb.Campaign([lb.CircularTest(force, angle) for force in (50.0, 200.0, 400.0)])
     model = lb.HybridModel.first(1)
-    few = Evidences(model.simulate(plan, seed=1).campaign, tolerance=0.2)
-    leave_one_out({"linear": few.of(model)[0]}, tolerance=0.2)
+    evidences = Evidences(model.simulate(plan, seed=1).campaign, tolerance=0.2)
+    leave_one_out({"linear": evidences.of(model)[0]}, tolerance=0.2)
     assert asked == []
 
 
@@ -138,9 +138,9 @@ def test_nodes_that_miss_the_tolerance_are_computed_anew(
     plan = lb.Campaign([lb.CircularTest(force, angle) for force in (50.0, 200.0, 400.0)])
     model = lb.HybridModel.first(1)
     campaign = model.simulate(plan, seed=1).campaign
-    (few,) = Evidences(campaign, tolerance=0.2).of(model)
-    left_out = leave_one_out({"linear": few}, tolerance=0.2)["linear"]
-    assert tuple(left_out) == few.bound.test_names
+    (coarse,) = Evidences(campaign, tolerance=0.2).of(model)
+    left_out = leave_one_out({"linear": coarse}, tolerance=0.2)["linear"]
+    assert tuple(left_out) == coarse.bound.test_names
 
 
 @pytest.mark.slow

@@ -59,13 +59,13 @@ def posterior_of(model: HybridModel, campaign: Campaign) -> HyperPosterior:
 
 def check_against_own_nodes(model: HybridModel, campaign: Campaign) -> None:
     related = Evidences(campaign, tolerance=TOLERANCE).of(LINEAR, model)[1]
-    own = posterior_of(model, campaign).nodes(TOLERANCE)
+    separate = posterior_of(model, campaign).nodes(TOLERANCE)
     assert related.evidence.log_value == pytest.approx(
-        own.evidence.log_value, abs=related.error + own.error
+        separate.evidence.log_value, abs=related.error + separate.error
     )
     # In three planes the nodes of the constant model itself miss the tolerance: their error is then
     # larger, and stated.
-    assert related.meet(TOLERANCE) or not own.meet(TOLERANCE)
+    assert related.meet(TOLERANCE) or not separate.meet(TOLERANCE)
 
 
 @pytest.mark.parametrize("name", ["two slopes fixed", "constant, no rivals"])
@@ -132,10 +132,10 @@ def test_coarse_nodes_of_the_larger_model_are_refined_once(recovered: Campaign) 
     assert nodes[0].integral.free is not coarse.integral.free
     assert nodes[0].integral.free is nodes[1].integral.free
     for name, of_model in zip(models, nodes, strict=True):
-        own = posterior_of(RELATED[name], recovered).nodes(0.25 * tolerance)
+        separate = posterior_of(RELATED[name], recovered).nodes(0.25 * tolerance)
         assert of_model.meet(tolerance)
         assert of_model.evidence.log_value == pytest.approx(
-            own.evidence.log_value, abs=of_model.error + own.error
+            separate.evidence.log_value, abs=of_model.error + separate.error
         )
 
 
@@ -150,9 +150,9 @@ def test_where_the_larger_model_misses_the_tolerance_its_nodes_serve_all_the_sam
     nodes = related.nodes(posterior_of(RELATED["two slopes fixed"], recovered))
     assert nodes.integral.free is coarse.integral.free
     assert tolerance < nodes.error <= 1.5 * coarse.error
-    own = posterior_of(RELATED["two slopes fixed"], recovered).nodes(TOLERANCE)
+    separate = posterior_of(RELATED["two slopes fixed"], recovered).nodes(TOLERANCE)
     assert nodes.evidence.log_value == pytest.approx(
-        own.evidence.log_value, abs=nodes.error + own.error
+        separate.evidence.log_value, abs=nodes.error + separate.error
     )
 
 
@@ -173,14 +173,14 @@ def test_a_negligible_model_has_nodes_of_an_earlier_model(recovered: Campaign) -
     related = RelatedModels(of_other_readings, TOLERANCE)
     first = related.nodes(posterior_of(narrow, campaign))
     second = posterior_of(narrow.with_degree(0), campaign)
-    own = second.nodes(TOLERANCE)
-    highest = own.evidence.log_value + own.error + 2.0 * TOLERANCE
+    separate = second.nodes(TOLERANCE)
+    highest = separate.evidence.log_value + separate.error + 2.0 * TOLERANCE
     nodes, is_negligible = related.nodes_unless_negligible(second, highest)
     assert is_negligible
     assert nodes.integral.free is first.integral.free
     assert nodes.evidence.log_value == pytest.approx(
-        own.evidence.log_value, abs=nodes.error + own.error
+        separate.evidence.log_value, abs=nodes.error + separate.error
     )
     nodes, is_negligible = related.nodes_unless_negligible(second, highest - 1.0)
     assert not is_negligible
-    assert nodes.evidence == own.evidence
+    assert nodes.evidence == separate.evidence

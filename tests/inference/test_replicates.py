@@ -136,15 +136,17 @@ def test_a_circle_is_predicted_alike_whatever_stands_beside_it_in_the_plan(direc
     posterior = lb.sample(model, campaign, sampler="independent", seed=1)
     wanted = replace(tests[2], direction=direction, name="wanted")
     other = replace(wanted, direction="CCW" if direction == "CW" else "CW", name="other")
-    alone = lb.predict(posterior, replace(planned, tests=(wanted,)))
-    beside = lb.predict(posterior, replace(planned, tests=(wanted, other))).query(
+    of_one_circle = lb.predict(posterior, replace(planned, tests=(wanted,)))
+    of_two_circles = lb.predict(posterior, replace(planned, tests=(wanted, other))).query(
         "test == 'wanted'"
     )
-    width = (alone["ci_high_um"] - alone["ci_low_um"]).to_numpy()
-    width_beside = (beside["ci_high_um"] - beside["ci_low_um"]).to_numpy()
+    width = (of_one_circle["ci_high_um"] - of_one_circle["ci_low_um"]).to_numpy()
+    width_beside = (of_two_circles["ci_high_um"] - of_two_circles["ci_low_um"]).to_numpy()
     np.testing.assert_allclose(width, width_beside, rtol=0.15)
     np.testing.assert_allclose(
-        alone["mean_um"].to_numpy(), beside["mean_um"].to_numpy(), atol=0.1 * width.max()
+        of_one_circle["mean_um"].to_numpy(),
+        of_two_circles["mean_um"].to_numpy(),
+        atol=0.1 * width.max(),
     )
 
 

@@ -233,13 +233,13 @@ def test_a_posterior_with_other_readings_has_a_campaign_of_its_own(
 def test_only_the_campaigns_of_the_last_posteriors_are_kept(
     posterior: xr.DataTree, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    known: dict[object, lb.Campaign] = {}
-    monkeypatch.setattr(posteriors, "_CAMPAIGNS", known)
+    campaigns: dict[object, lb.Campaign] = {}
+    monkeypatch.setattr(posteriors, "_CAMPAIGNS", campaigns)
     for k in range(12):
         changed = posterior.copy(deep=True)
         changed["constant_data"]["reading_as_read_um"].values[0] = float(k)
         campaign_of(changed)
-    assert len(known) == 8
+    assert len(campaigns) == 8
 
 
 @pytest.mark.usefixtures("no_campaign_is_known")
@@ -300,13 +300,13 @@ def of_edition(posterior: xr.DataTree, preset: str, edition: int | None) -> xr.D
     return changed
 
 
-@pytest.mark.parametrize(("edition", "got"), [(None, "an earlier one"), (2, "2")])
+@pytest.mark.parametrize(("edition", "stated_edition"), [(None, "an earlier one"), (2, "2")])
 def test_fits_of_an_earlier_edition_of_the_default_model_are_refused(
-    tmp_path: Path, posterior: xr.DataTree, edition: int | None, got: str
+    tmp_path: Path, posterior: xr.DataTree, edition: int | None, stated_edition: str
 ) -> None:
     """Version 0.2.0 stated no edition; the columns of its joints are not those of today."""
     file = lb.save(of_edition(posterior, "default", edition), tmp_path / "posterior.nc")
-    words = rf"must be a fit of edition 3 of the default model, got {got}\. Fit again"
+    words = rf"must be a fit of edition 3 of the default model, got {stated_edition}\. Fit again"
     refuses(words, lb.load, file)
 
 

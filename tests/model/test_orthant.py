@@ -209,10 +209,10 @@ def test_the_noise_of_similar_problems_cancels_in_their_mean() -> None:
 
 
 def test_the_noise_of_a_problem_does_not_depend_on_the_others() -> None:
-    together = similar_problems(6).log_probability_with_noise(1e-3, 0.1)
+    of_six = similar_problems(6).log_probability_with_noise(1e-3, 0.1)
     mean = similar_problems(6)._mean[4:5]
-    alone = Orthant(mean, similar_problems(1)._spread).log_probability_with_noise(1e-3, 0.1)
-    assert alone.log_value[0] == pytest.approx(together.log_value[4], rel=1e-12)
+    of_one = Orthant(mean, similar_problems(1)._spread).log_probability_with_noise(1e-3, 0.1)
+    assert of_one.log_value[0] == pytest.approx(of_six.log_value[4], rel=1e-12)
 
 
 def test_analytical_bounds_are_not_noise() -> None:

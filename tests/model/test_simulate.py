@@ -212,19 +212,21 @@ def test_true_compliances_at_the_tested_forces(degree: int) -> None:
 def test_a_fit_recovers_the_true_compliances() -> None:
     """With next to no noise and nothing private, C(F) of a fit is the truth within a few u, and
     much nearer to it than the slope alone."""
-    others = [kind.key() for kind in lb.terms.Term.kinds.values() if kind is not lb.terms.JointLoad]
-    model = lb.HybridModel.default(1).without(*others)
+    other_terms = [
+        kind.key() for kind in lb.terms.Term.kinds.values() if kind is not lb.terms.JointLoad
+    ]
+    model = lb.HybridModel.default(1).without(*other_terms)
     planned = plan((360,) * 8, forces_N=np.linspace(40.0, 740.0, 8).tolist())
     scales_um = {"sigma": 0.1}
     simulation = model.simulate(planned, seed=3, parameters=TRUTH, hyper_um=scales_um)
     posterior = lb.sample(model, simulation.campaign, seed=1)
-    found = lb.analysis.change_with_force(posterior)
+    changes = lb.analysis.change_with_force(posterior)
     for name in ("C_XXX", "C_YYY"):
         true = simulation.change_with_force[name]
         for end in ("at_smallest", "at_largest", "change"):
-            value = getattr(found[name], end)
+            value = getattr(changes[name], end)
             assert abs(value.mean - getattr(true, end)) < 4.0 * value.sd
-        assert abs(true.change) > 10.0 * found[name].change.sd
+        assert abs(true.change) > 10.0 * changes[name].change.sd
 
 
 def test_without_joint_load_only_slopes_change_compliances() -> None:

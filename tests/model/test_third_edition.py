@@ -377,22 +377,26 @@ def test_three_planes() -> None:
 def test_leaving_tests_out_changes_neither_estimate_nor_times() -> None:
     """The estimate Ĉ and the times from the mean are of the whole campaign."""
     campaign = CAMPAIGNS["all at once"]
-    whole = lb.HybridModel.default(1).bind(campaign)
-    names = whole.test_names[1::2]
-    some = whole.keeping(names)
-    np.testing.assert_array_equal(some.setting.compliance_estimate, whole.estimate.compliances)
-    np.testing.assert_array_equal(some.setting.time_h, whole.setting.time_h[1::2])
-    np.testing.assert_array_equal(some.prior_sd, whole.prior_sd)
+    bound = lb.HybridModel.default(1).bind(campaign)
+    names = bound.test_names[1::2]
+    half = bound.keeping(names)
+    np.testing.assert_array_equal(half.setting.compliance_estimate, bound.estimate.compliances)
+    np.testing.assert_array_equal(half.setting.time_h, bound.setting.time_h[1::2])
+    np.testing.assert_array_equal(half.prior_sd, bound.prior_sd)
 
 
 def test_estimate_is_of_the_model() -> None:
     """Ĉ, u(Ĉ) and Ê by fixed point against the oracle's, and other terms give others."""
     pair = model_and_oracle(CAMPAIGNS["circles"], 2, list(TERMS))
     estimate = pair.bound.estimate
-    known = pair.oracle.known
-    np.testing.assert_allclose(estimate.compliances, known.compliance, rtol=1e-8, atol=1e-17)
-    np.testing.assert_allclose(estimate.compliance_sd, known.sd, rtol=1e-8)
-    np.testing.assert_allclose(estimate.geometric_errors, known.geometric, rtol=1e-7, atol=1e-14)
+    expected_estimate = pair.oracle.known
+    np.testing.assert_allclose(
+        estimate.compliances, expected_estimate.compliance, rtol=1e-8, atol=1e-17
+    )
+    np.testing.assert_allclose(estimate.compliance_sd, expected_estimate.sd, rtol=1e-8)
+    np.testing.assert_allclose(
+        estimate.geometric_errors, expected_estimate.geometric, rtol=1e-7, atol=1e-14
+    )
     without = pair.bound.model.without("joint-load").bind(pair.bound.campaign).estimate
     assert without.compliance_sd[0] < 0.9 * estimate.compliance_sd[0]
 
@@ -401,8 +405,8 @@ def test_plan_takes_the_estimate_of_its_pilot() -> None:
     """The covariance of the parameters from a plan's circles, as the pilot's estimate makes it."""
     pilot = CAMPAIGNS["circles"]
     plan = replace(simulate(clocking_steps=(40.0, 0.0)).plan(), order="random")
-    known = oracle_of(pilot, 1, edition="third").known
-    check_covariance(lb.HybridModel.default(1), plan, pilot, known)
+    expected_estimate = oracle_of(pilot, 1, edition="third").known
+    check_covariance(lb.HybridModel.default(1), plan, pilot, expected_estimate)
 
 
 def test_a_plan_takes_largest_force_and_reference_of_travel_from_its_own_tests() -> None:
@@ -430,7 +434,7 @@ def test_plan_without_pilot_takes_usual_compliances() -> None:
 
 
 def check_covariance(
-    model: lb.HybridModel, plan: Campaign, pilot: Campaign | None, known: Estimate
+    model: lb.HybridModel, plan: Campaign, pilot: Campaign | None, expected_estimate: Estimate
 ) -> None:
     """Covariance of β given φ = the prior medians; drift only where the listed order counts."""
     bound = BoundModel(model, plan, pilot=pilot)
@@ -438,7 +442,7 @@ def check_covariance(
     for test in plan.tests:
         tests.append(test.with_reading_um(np.zeros(len(test.angle_deg))))
     silent = replace(plan, tests=tuple(tests), drift=plan.order is None)
-    dense = oracle_of(silent, model.degree, edition="third", given_estimate=known)
+    dense = oracle_of(silent, model.degree, edition="third", given_estimate=expected_estimate)
     order = [dense.names.index(name) for name in bound.names]
     np.testing.assert_allclose(bound.prior_sd, dense.sd[order], rtol=1e-8)
     median = bound.hyper_prior.quantile(np.full((1, len(bound.hyper_prior.names)), 0.5))
