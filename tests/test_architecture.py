@@ -72,8 +72,8 @@ def imported(tree: ast.AST) -> set[str]:
             modules |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
             assert node.level == 0, "relative import"
-            whole = {f"{node.module}.{alias.name}" for alias in node.names}
-            modules |= (whole & of_package) or {node.module}
+            full_names = {f"{node.module}.{alias.name}" for alias in node.names}
+            modules |= (full_names & of_package) or {node.module}
     return modules
 
 
@@ -94,8 +94,8 @@ def test_no_arrow_points_back() -> None:
             else {*ROOMS, *LEAVES}
         )
         for name in imported(tree):
-            parts = name.split(".")
-            assert parts[0] != "ldbb_bayes" or len(parts) == 1 or parts[1] in allowed, (
+            words = name.split(".")
+            assert words[0] != "ldbb_bayes" or len(words) == 1 or words[1] in allowed, (
                 f"{path.name} imports {name}"
             )
 
@@ -103,8 +103,8 @@ def test_no_arrow_points_back() -> None:
 def test_no_circle() -> None:
     assert circle({"a": {"b"}, "b": {"c"}, "c": {"a"}})
     arrows = {
-        names()[own]: {name for name in imported(tree) if name.startswith("ldbb_bayes.")}
-        for own, tree in trees().items()
+        names()[path]: {name for name in imported(tree) if name.startswith("ldbb_bayes.")}
+        for path, tree in trees().items()
     }
     assert circle(arrows) == []
 
@@ -113,7 +113,7 @@ def test_names() -> None:
     """No module of a private name, and no module or class of one name twice."""
     modules = Counter(path.stem for path in trees() if path.name != "__init__.py")
     assert {name for name, count in modules.items() if count > 1} == set()
-    assert not {part for name in modules for part in name.split("_")} & FORBIDDEN
+    assert not {word for name in modules for word in name.split("_")} & FORBIDDEN
     classes = Counter(
         node.name
         for tree in trees().values()

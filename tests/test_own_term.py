@@ -224,8 +224,8 @@ def test_noise_factors_count_in_every_use_of_private_columns() -> None:
     names = [f"ripple_{k}" for k in range(25)]
     columns = lb.terms.Columns(names, values, 1.0, "ripple", private=True, circle=circle)
     noise = lb.terms.BasisNoise("ripple", np.ones(25), circle)
-    drawn = columns.draw(phi, 2, np.random.default_rng(1))
-    np.testing.assert_allclose(drawn, noise.draw(phi, 2, np.random.default_rng(1)), rtol=1e-12)
+    draws = columns.draw(phi, 2, np.random.default_rng(1))
+    np.testing.assert_allclose(draws, noise.draw(phi, 2, np.random.default_rng(1)), rtol=1e-12)
     factor = np.diag(np.arange(1.0, 26.0))
     for test in range(2):
         covariances = _noise_covariances(
@@ -292,14 +292,14 @@ class Slip(lb.terms.Term):
     def columns(self, setting: Setting) -> Any:
         shape = setting.harmonics([0 if self.kind == "constant" else 5])[:, :, :1]
         block = lb.terms.Columns(("slip",), shape, 1e-3)
-        made = {
+        columns_by_case = {
             "scale": (lb.terms.Columns(("slip",), shape, 1.0, "no_such"),),
             "noise": (lb.terms.BasisNoise("no_such", 1.0),),
             "comma": block,
             "tests": (lb.terms.Columns(("slip",), shape[:1], 1e-3),),
             "twice": (block, block),
         }
-        return made.get(self.kind, (block,))
+        return columns_by_case.get(self.kind, (block,))
 
 
 @pytest.mark.parametrize(

@@ -50,24 +50,24 @@ def anchors(page: str) -> set[str]:
 def faults(page: Path, root: Path) -> list[str]:
     """Links and pictures that lead nowhere."""
     text = re.sub(r"^```.*?^```|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.S | re.M)
-    found = []
+    broken = []
     for link in re.findall(r"\]\(<?([^)>\s]+)>?(?: \"[^\"]*\")?\)|(?:src|href)=\"([^\"]+)\"", text):
         place, _, anchor = "".join(link).partition("#")
         target = (page.parent / place).resolve() if place else page
         if ":" in place:
-            found += (
+            broken += (
                 [] if EXTERNAL.fullmatch("".join(link)) else [f"{page.name}: {place} is no address"]
             )
         elif not target.exists() or not target.is_relative_to(root):
-            found.append(f"{page.name}: {place} does not exist")
+            broken.append(f"{page.name}: {place} does not exist")
         elif anchor and target.suffix == ".md" and anchor not in anchors(target.read_text("utf-8")):
-            found.append(f"{page.name}: {place} has no #{anchor}")
-    return found
+            broken.append(f"{page.name}: {place} has no #{anchor}")
+    return broken
 
 
 def test_links_lead_somewhere(root: Path, tmp_path: Path) -> None:
-    every = [*pages(root), *root.glob("*.md"), *(root / "studies").rglob("*.md")]
-    assert [fault for page in every for fault in faults(page, root)] == []
+    all_pages = [*pages(root), *root.glob("*.md"), *(root / "studies").rglob("*.md")]
+    assert [fault for page in all_pages for fault in faults(page, root)] == []
     bad = tmp_path / "bad.md"
     bad.write_text(
         "# A head\n[a](#a-head) [b](#b) [c](missing.md) ![d](d.png) [e](http:/nowhere)"
@@ -81,40 +81,42 @@ def test_every_public_name_is_in_the_reference_with_an_example(root: Path) -> No
         page.read_text(encoding="utf-8")
         for page in (root / "docs" / "reference" / "api").glob("*.md")
     )
-    shown = " ".join(re.findall(r"<!-- api: (.*?) -->", text)).split()
+    listed_names = " ".join(re.findall(r"<!-- api: (.*?) -->", text)).split()
     run = "".join(re.findall(r"```python\n(.*?)```", text, re.S))
     names = {name for name in public_names() if not name.startswith("figures.")}
-    assert names <= set(shown)
+    assert names <= set(listed_names)
     assert {name for name in names if not re.search(rf"\blb\.{re.escape(name)}\b", run)} == set()
-    assert len(set(shown)) == len(shown)
+    assert len(set(listed_names)) == len(listed_names)
 
 
 @pytest.mark.parametrize("name", sorted(public_names()))
 def test_arguments_and_fields_are_documented(name: str) -> None:
     """Each by its name in the docstring, by ``#:`` beside it, or for all functions at once; numbers
     of arrays have shapes."""
-    what = resolve_name(f"ldbb_bayes.{name}")
-    text = inspect.getdoc(what) or ""
-    if dataclasses.is_dataclass(what):
+    documented = resolve_name(f"ldbb_bayes.{name}")
+    text = inspect.getdoc(documented) or ""
+    if dataclasses.is_dataclass(documented):
         sources = [
             inspect.getsource(kind)
-            for kind in what.__mro__
+            for kind in documented.__mro__
             if kind.__module__.startswith("ldbb_bayes")
         ]
         text += " " + " ".join(
-            "".join(found)
-            for found in re.findall(
+            "".join(names_with_comment)
+            for names_with_comment in re.findall(
                 r"^    (\w+): .*#: |#: .*\n    (\w+): ", "\n".join(sources), re.M
             )
         )
         missing = {
-            own.name for own in dataclasses.fields(what) if not re.search(rf"\b{own.name}\b", text)
+            field.name
+            for field in dataclasses.fields(documented)
+            if not re.search(rf"\b{field.name}\b", text)
         }
-    elif inspect.isfunction(what):
+    elif inspect.isfunction(documented):
         missing = {
-            p for p in inspect.signature(what).parameters if not re.search(rf"\b{p}\b", text)
+            p for p in inspect.signature(documented).parameters if not re.search(rf"\b{p}\b", text)
         } - COMMON
-        if inspect.signature(what).return_annotation in ("Array", "pd.DataFrame"):
+        if inspect.signature(documented).return_annotation in ("Array", "pd.DataFrame"):
             assert re.search(r"shape|[Rr]ow|column", text)
     else:
         return
@@ -132,11 +134,11 @@ def test_json_has_the_keys_of_the_reference(root: Path, recovered: lb.Campaign) 
     posterior = lb.sample(lb.HybridModel.default(degree=0), recovered, sampler="independent")
     written = json.dumps(full_result(posterior, 0.95))
     assert {key for key in re.findall(r'"(\w+)"', fit) if f'"{key}"' not in written} == set()
-    found = lb.identify(lb.HybridModel.default(degree=0), recovered)
+    identified = lb.identify(lb.HybridModel.default(degree=0), recovered)
     schema = TypeAdapter(lb.analysis.Identifiability).json_schema(mode="serialization")
-    assert set(schema["properties"]) == set(found.as_dict())
+    assert set(schema["properties"]) == set(identified.as_dict())
     one = set(schema["$defs"]["ParameterIdentifiability"]["properties"])
-    assert all(one == set(entry) for entry in found.as_dict()["parameters"].values())
+    assert all(one == set(entry) for entry in identified.as_dict()["parameters"].values())
 
 
 @pytest.fixture
@@ -149,8 +151,8 @@ def site(root: Path, tmp_path: Path) -> Path:
     if importlib.util.find_spec("myst_parser") is None:
         pytest.skip("The extra docs is not installed")
     build = [sys.executable, "-m", "sphinx", "-W", "-n", "-q", str(root / "docs"), str(tmp_path)]
-    done = subprocess.run(build, capture_output=True, text=True, check=False, timeout=180)
-    assert (done.returncode, done.stderr) == (0, "")
+    sphinx = subprocess.run(build, capture_output=True, text=True, check=False, timeout=180)
+    assert (sphinx.returncode, sphinx.stderr) == (0, "")
     return tmp_path
 
 

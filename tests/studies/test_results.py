@@ -130,11 +130,11 @@ def test_a_seat_yields_to_the_whole_force_of_the_bar_at_every_angle() -> None:
     seated = replace(linear, seat=(0.3, 0.5))
     angle = np.deg2rad(np.array([20.0, 60.0, 200.0]))
     for force in (36.0, 742.0):
-        moved = np.array(machines.deflection_mm(seated, force, force, angle))
-        moved_linearly = np.array(machines.deflection_mm(linear, force, force, angle))
+        deflection = np.array(machines.deflection_mm(seated, force, force, angle))
+        linear_deflection = np.array(machines.deflection_mm(linear, force, force, angle))
         softer = (machines.MIDDLE_N / force) ** (1.0 / 3.0) - 1.0
         expected = np.array([[1.0 + 0.3 * softer], [1.0 + 0.5 * softer]]) * np.ones(3)
-        assert moved / moved_linearly == pytest.approx(expected, rel=1e-3)
+        assert deflection / linear_deflection == pytest.approx(expected, rel=1e-3)
         secants = [seated.secant(name, force) for name in ("C_XXX", "C_YYY")]
         assert secants == pytest.approx(np.array([5e-5, 4e-5]) * expected[:, 0], rel=1e-12)
 
@@ -290,9 +290,9 @@ def test_the_lines_of_the_readme_and_the_table_of_priors() -> None:
 def test_the_shortest_interval_of_an_exponential_begins_at_zero() -> None:
     shortfalls = module_of("12_real_machines", "shortfalls")
     draws = -np.log1p(-(np.arange(4000) + 0.5) / 4000)
-    least, most = shortfalls.shortest_interval(draws)
-    assert least == pytest.approx(0.0, abs=1e-3)
-    assert most == pytest.approx(-np.log(0.05), rel=1e-2)
+    low, high = shortfalls.shortest_interval(draws)
+    assert low == pytest.approx(0.0, abs=1e-3)
+    assert high == pytest.approx(-np.log(0.05), rel=1e-2)
 
 
 def test_intervals_of_equal_tails_miss_what_lies_in_a_tail() -> None:
