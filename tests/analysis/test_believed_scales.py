@@ -9,7 +9,11 @@ import pytest
 from scipy.special import ndtr
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.design.believed_scales import believed_scales, fisher_information
+from ldbb_bayes.analysis.design.believed_scales import (
+    _ScoresBefore,
+    believed_scales,
+    fisher_information,
+)
 from ldbb_bayes.analysis.design.simulated_analyses import simulate_analyses
 from ldbb_bayes.analysis.design.states import extend_hyper_parameters
 from ldbb_bayes.inference.nodes import HyperPosterior
@@ -54,6 +58,18 @@ def test_information_of_several_machines_is_that_of_each_alone(rng: np.random.Ge
     together = fisher_information(bound, scores)
     for k in range(len(scores)):
         np.testing.assert_allclose(together[k], fisher_information(bound, scores[k : k + 1])[0])
+
+
+@pytest.mark.parametrize("machines", [2, 6, 100])
+def test_correlations_of_few_draws_are_shrunk(machines: int) -> None:
+    """Of K draws of two scores that are always equal, the correlation is K / (K + 2), not 1."""
+    scores = np.linspace(-1.0, 3.0, machines)
+    before = _ScoresBefore.of(np.stack([scores, scores], axis=1), run=1)
+    covariance = before.root @ before.root.T
+    np.testing.assert_allclose(before.mean, 1.0, rtol=1e-12)
+    np.testing.assert_allclose(np.diag(covariance), scores.var(ddof=1), rtol=1e-12)
+    correlation = covariance[0, 1] / covariance[0, 0]
+    assert correlation == pytest.approx(machines / (machines + 2), rel=1e-12)
 
 
 def test_of_many_circles_the_form_of_the_balls_is_not_known() -> None:

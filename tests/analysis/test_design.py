@@ -810,10 +810,13 @@ def test_evidence_of_old_and_new_readings_together() -> None:
         (discrimination.expected_without, samples[False]),
     ):
         assert value == pytest.approx(sample.mean(), abs=0.1)
-    assert discrimination.decisive_with == pytest.approx((samples[True] > 1.0).mean(), abs=0.01)
-    assert discrimination.misleading_without == pytest.approx(
-        (samples[False] > 1.0).mean(), abs=0.01
-    )
+    for probability, is_so in (
+        (discrimination.decisive_with, samples[True] > 1.0),
+        (discrimination.misleading_with, samples[True] < -1.0),
+        (discrimination.decisive_without, samples[False] < -1.0),
+        (discrimination.misleading_without, samples[False] > 1.0),
+    ):
+        assert probability == pytest.approx(is_so.mean(), abs=0.01)
 
 
 @pytest.mark.slow

@@ -149,6 +149,13 @@ def test_the_distance_from_an_uncertainty_is_zero_at_the_target() -> None:
     assert float(aim.distance(covariance)) == pytest.approx(0.0)
 
 
+@pytest.mark.parametrize(("target", "is_expected"), [(2.1, False), (2.3, True)])
+def test_an_uncertainty_is_expected_by_the_mean_variance(target: float, is_expected: bool) -> None:
+    """Of u = 1 and u = 3 at two values of φ, u is √5 = 2.24: the mean of u would be 2."""
+    aim = UncertaintyAim(np.array([1.0]), target=target, inflation=1.0, is_reached=False)
+    assert aim.is_expected(np.array([[[1.0]], [[9.0]]])) is is_expected
+
+
 def test_the_distance_from_an_uncertainty_is_the_log_of_the_ratio() -> None:
     aim = UncertaintyAim(np.array([2.0, 0.0]), target=3.0, inflation=1.5, is_reached=False)
     covariance = np.diag([9.0, 1.0])[None]
