@@ -23,7 +23,7 @@ from ldbb_bayes.analysis.design.candidate_covariances import (
 )
 from ldbb_bayes.analysis.design.circles_to_go import count_circles_to_go
 from ldbb_bayes.analysis.design.criteria import Determinant
-from ldbb_bayes.analysis.design.model_odds import ModelOdds
+from ldbb_bayes.analysis.design.model_odds import ModelOdds, ModelSoFar
 from ldbb_bayes.analysis.design.next_circle import NextCircle, next_circle
 from ldbb_bayes.analysis.design.objective import Objective
 from ldbb_bayes.analysis.design.present_estimates import present_estimates
@@ -623,6 +623,22 @@ def _covariances(odds: ModelOdds, share: float) -> np.ndarray:
     posterior = bound.given(odds.known.phi)[1]
     covariance = Gaussian.factored(posterior.mean, posterior.root, posterior.scale).covariance
     return share * covariance / np.outer(bound.scale, bound.scale)
+
+
+@pytest.mark.parametrize(("error", "is_open"), [(0.07, False), (0.09, True)])
+def test_models_are_equally_probable_within_the_error_of_the_probability(
+    error: float, is_open: bool
+) -> None:
+    """Of p = 0.52, an error of ln B is multiplied by dp/d ln B = 0.52 × 0.48 = 0.2496."""
+    odds = ModelSoFar(
+        log_bayes_factor=float(np.log(0.52 / 0.48)),
+        log_bayes_factor_error=error,
+        probability_linear=0.52,
+        decided=False,
+        decided_next=0.1,
+        decidable=True,
+    )
+    assert odds.equally_probable is is_open
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])

@@ -10,7 +10,7 @@ from campaigns import FORCES_N, HYPER_UM, oracle_of, plan, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.centre_shift import centre_shift
+from ldbb_bayes.inference.centre_shift import _p_value_of_no_slope, centre_shift
 from ldbb_bayes.inference.checks import (
     TestChecks,
     _squares_of_orders,
@@ -181,6 +181,17 @@ def with_moving_centre(campaign: lb.Campaign, plane: str) -> lb.Campaign:
             reading = reading + 0.1 * test.force_N * wave
         tests.append(test.with_reading_um(reading))
     return replace(campaign, tests=tuple(tests))
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.7, -3.0])
+def test_the_p_value_of_a_slope_is_that_of_linear_regression(
+    slope: float, rng: np.random.Generator
+) -> None:
+    """Two-sided, with n − 2 degrees of freedom."""
+    force_N = np.array([50.0, 200.0, 350.0, 500.0, 650.0])
+    centre = 1e-3 * (slope * force_N / 650.0 + rng.standard_normal(5))
+    expected = stats.linregress(force_N, centre).pvalue
+    assert _p_value_of_no_slope(force_N, centre) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("plane", ["XY", "ZX"])

@@ -14,6 +14,7 @@ from ldbb_bayes.analysis.hyper_parameter_nodes import hyper_parameter_nodes
 from ldbb_bayes.analysis.usability import ReasonKind, Use, judge_fit
 from ldbb_bayes.analysis.value_of_certificates import CERTIFICATES, missing_certificates
 from ldbb_bayes.inference.contradicted_certificates import (
+    _log_mean_ratio,
     contradicted_certificates,
     log_ratio_of_stated_balls,
 )
@@ -47,6 +48,20 @@ def campaign_of(balls: str) -> lb.Campaign:
     hyper = {} if balls == "round" else {"tau": 2.5}
     campaign = MODEL.simulate(plan, seed=4, hyper_um=hyper).campaign
     return replace(campaign, instrument=lb.Instrument())
+
+
+def test_the_ratio_of_densities_is_averaged_by_the_weights() -> None:
+    """ln [(3 e^a + e^b) / 4] where it is a and b at the two values of φ."""
+    campaign = campaign_of("lobed")
+    bound = MODEL.bind(campaign)
+    certified = MODEL.bind(replace(campaign, instrument=ROUND))
+    median = np.full(len(bound.hyper_prior.names), 0.5)
+    phi = bound.hyper_prior.quantile(np.array([median, 0.8 * median]))
+    a, b = (_log_mean_ratio(certified, bound, np.ones(1), phi[k : k + 1]) for k in range(2))
+    expected = np.logaddexp(a + np.log(3.0), b) - np.log(4.0)
+    assert abs(a - b) > 0.1
+    weighted = _log_mean_ratio(certified, bound, np.array([3.0, 1.0]), phi)
+    assert weighted == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize(("balls", "contradicted"), [("round", ()), ("lobed", (BALLS,))])

@@ -14,6 +14,7 @@ from ldbb_bayes.inference.density import JointDensity
 from ldbb_bayes.inference.evidence import log_prob_truncation
 from ldbb_bayes.inference.independent_sampler import draw_jointly
 from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.truncation_factor import TruncationFactor, _mean_probability
 from ldbb_bayes.model.hybrid import BoundModel
 
 
@@ -99,6 +100,34 @@ def test_no_probability_is_computed_twice(
     points = np.concatenate(evaluated)
     assert len(evaluated) > 1
     assert len(np.unique(points, axis=0)) == len(points)
+
+
+def test_the_error_of_a_mean_probability_is_twice_its_standard_error(soft: BoundModel) -> None:
+    """Of ten nodes with the probability p and ten with q, that is 2 √(1/19) |p − q| / (p + q); the
+    numerical error of p and q adds less than 0.001."""
+    levels = np.full((2, len(soft.hyper_prior.names)), 0.5)
+    levels[1] = 0.9
+    free = soft.hyper_prior.free(soft.hyper_prior.quantile(levels))
+    log_p, log_q = (
+        _mean_probability(soft, np.tile(node, (2, 1)), 1e-6, 0).log_value for node in free
+    )
+    p, q = np.exp([log_p, log_q])
+    mean = _mean_probability(soft, np.repeat(free, 10, axis=0), 1e-6, 0)
+    assert abs(p - q) > 0.05 * (p + q)
+    assert mean.log_value == pytest.approx(np.log(0.5 * (p + q)), abs=1e-4)
+    expected = 2.0 * np.sqrt(1.0 / 19.0) * abs(p - q) / (p + q)
+    assert mean.error == pytest.approx(expected, abs=1e-3)
+
+
+def test_common_errors_of_a_factor_add_up_and_random_ones_add_as_squares(soft: BoundModel) -> None:
+    """¼ · 0.4 + ¾ · 0.8 = 0.7; of the random ones, which are 0.3 and 0.4 after weighting, 0.5."""
+    nodes = HyperPosterior(soft, truncated=False).nodes(0.2)
+    factor = TruncationFactor(soft, nodes.integral, tolerance=1e-2, seed=0)
+    weight = np.zeros(len(nodes.integral.free))
+    weight[:2] = (0.25, 0.75)
+    factor._common_error[:3] = (0.4, 0.8, 5.0)
+    factor._noise[:3] = (0.3 / 0.25, 0.4 / 0.75, 5.0)
+    assert factor.error(weight) == pytest.approx(0.7 + 0.5, rel=1e-12)
 
 
 @pytest.mark.parametrize("required", [True, False])
