@@ -13,13 +13,19 @@ import numpy as np
 import pytest
 from campaigns import TRUTH, cases, plan, refuses, simulated
 from oracle import Oracle, OracleTest
+from scipy.stats import norm
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.bound_plans import bind_plan, bind_tests
 from ldbb_bayes.analysis.design.campaign_design import _limits
 from ldbb_bayes.analysis.design.candidates import add_foreseen_tests, grid_of_tests, templates
 from ldbb_bayes.analysis.design.discrimination import discrimination_of
-from ldbb_bayes.analysis.design.forecast import forecast_plan, forecast_tests, posteriors
+from ldbb_bayes.analysis.design.forecast import (
+    _sd_before,
+    forecast_plan,
+    forecast_tests,
+    posteriors,
+)
 from ldbb_bayes.analysis.design.randomisation import running_order
 from ldbb_bayes.analysis.design.reference_estimates import draw_reference_estimates
 from ldbb_bayes.analysis.design.simulated_analyses import (
@@ -817,6 +823,24 @@ def test_evidence_of_old_and_new_readings_together() -> None:
         (discrimination.misleading_without, samples[False] > 1.0),
     ):
         assert probability == pytest.approx(is_so.mean(), abs=0.01)
+
+
+@pytest.mark.parametrize("size", [1.0, 3.0])
+def test_the_power_for_one_slope_is_that_of_its_estimate(size: float) -> None:
+    """A slope of which readings leave the variance c = 0.1 has a posterior mean m that scatters by
+    √(c (1 − c)) about (1 − c) β; ln B exceeds 2 where m² is above c (2 · 2 − ln c)."""
+    c = 0.1
+    discrimination = discrimination_of(np.full((1, 1, 1), c), ("a",), size=size, threshold=2.0)
+    edge = np.sqrt(c * (4.0 - np.log(c)))
+    m = norm((1.0 - c) * size, np.sqrt(c * (1.0 - c)))
+    assert discrimination.power["a"] == pytest.approx(m.sf(edge) + m.cdf(-edge), rel=1e-6)
+
+
+def test_the_sd_before_the_tests_has_the_scatter_of_the_means_in_it() -> None:
+    """Of N(0, 1) and N(4, 3²), each as likely, the variance is (1 + 9) / 2 + 2²."""
+    before = Gaussian.of(np.array([[0.0], [4.0]]), np.array([[1.0], [9.0]]))
+    states = States(np.zeros((2, 1)), np.zeros((2, 1)), before)
+    assert _sd_before(states) == pytest.approx(3.0, rel=1e-12)
 
 
 @pytest.mark.slow

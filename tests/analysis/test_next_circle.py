@@ -13,8 +13,9 @@ from scipy.stats import norm
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.conformity import Conformity, Decision
+from ldbb_bayes.analysis.design import aims_so_far
 from ldbb_bayes.analysis.design.aims import SlopesAim, UncertaintyAim, total_distance
-from ldbb_bayes.analysis.design.aims_so_far import Known, ToleranceState
+from ldbb_bayes.analysis.design.aims_so_far import Known, ToleranceState, goal_states
 from ldbb_bayes.analysis.design.bound_plans import bind_tests
 from ldbb_bayes.analysis.design.campaign_objective import objective_of
 from ldbb_bayes.analysis.design.candidate_covariances import (
@@ -23,6 +24,7 @@ from ldbb_bayes.analysis.design.candidate_covariances import (
 )
 from ldbb_bayes.analysis.design.circles_to_go import count_circles_to_go
 from ldbb_bayes.analysis.design.criteria import Determinant
+from ldbb_bayes.analysis.design.goals import Goal
 from ldbb_bayes.analysis.design.model_odds import ModelOdds, ModelSoFar
 from ldbb_bayes.analysis.design.next_circle import NextCircle, next_circle
 from ldbb_bayes.analysis.design.objective import Objective
@@ -33,6 +35,7 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.posterior import draws_of
 from ldbb_bayes.model.gaussian import Gaussian
+from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.report.next_circle_text import parts_of
 
 MODEL = lb.HybridModel.default(degree=1)
@@ -141,6 +144,45 @@ def test_where_circles_scatter_alike_the_covariances_are_those_of_any_circle(
     assert covariances == pytest.approx(
         np.broadcast_to(expected, covariances.shape), rel=1e-6, abs=1e-9
     )
+
+
+def known_draws(bound: BoundModel, draws: np.ndarray) -> Known:
+    """A posterior of which all draws are given, with u = 0.1 nm/N of every parameter."""
+    nothing = np.zeros((0, 0))
+    sd = np.full(len(bound.names), 1e-7)
+    return Known(bound, draws.mean(axis=0), sd, draws, nothing, nothing)
+
+
+def test_a_goal_in_percent_wants_the_u_that_suffices_on_95_percent_of_machines(
+    recovered: Campaign,
+) -> None:
+    """Of draws 1, 2, … 100 nm/N, 5 % are below 5.95 nm/N: U is to be a tenth of this, u half."""
+    bound = MODEL.bind(recovered)
+    draws = np.tile(1e-6 * np.arange(1.0, 101.0)[:, None], (1, len(bound.names)))
+    goals = {"C_XXX": Goal("C_XXX", "mm/N", share=0.1)}
+    covariance = np.eye(len(bound.names))[None]
+    states = goal_states(goals, known_draws(bound, draws), covariance, confidence=0.95)
+    assert states["C_XXX"].aim.target == pytest.approx(0.5 * 0.1 * 5.95e-6, rel=1e-9)
+    assert states["C_XXX"].aim.is_reached
+
+
+def test_a_tolerance_wants_a_guard_band_as_wide_as_the_distance_from_the_nearer_limit(
+    recovered: Campaign, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    """Between 0 and 2.5, the value 0.8 may have the guard band 0.8, which is 1.645 u of 95 %."""
+    bound = MODEL.bind(recovered)
+    parameters = bound.scale * rng.standard_normal((400, len(bound.names)))
+    deviations = parameters[:, 0] - parameters[:, 0].mean()
+    values = 0.8 + deviations / bound.scale[0]
+    now = undecided(lower=0.0, upper=2.5, mean=0.8, sd=1.0, probability=0.79)
+    monkeypatch.setattr(aims_so_far, "assess_conformity", lambda *_, **__: {"q": now})
+    monkeypatch.setattr(aims_so_far, "quantity_draws", lambda *_: {"q": values})
+    monkeypatch.setattr(aims_so_far, "draws_of", lambda *_: (parameters,))
+    known = known_draws(bound, parameters)
+    covariance = np.eye(len(bound.names))[None]
+    state = aims_so_far.tolerance_states(None, {}, known, covariance, 0.95)["q"]
+    assert state.aim.target == pytest.approx(0.8 / norm.ppf(0.95), rel=1e-9)
+    assert state.aim.sd(covariance) == pytest.approx(values.std(ddof=1), rel=1e-9)
 
 
 def test_the_distance_from_an_uncertainty_is_zero_at_the_target() -> None:

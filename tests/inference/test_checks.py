@@ -10,6 +10,7 @@ from campaigns import FORCES_N, HYPER_UM, oracle_of, plan, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
+from ldbb_bayes.inference import checks as predictive_checks
 from ldbb_bayes.inference.centre_shift import _p_value_of_no_slope, centre_shift
 from ldbb_bayes.inference.checks import (
     TestChecks,
@@ -222,6 +223,20 @@ def test_a_centre_that_moves_is_told_from_a_mount_that_yields_on_arcs(
         tests.append(test.with_reading_um(0.02 * float(test.force_N or 0.0) * shape + noise))
     bound = MODEL.bind(lb.Campaign(tuple(tests)))
     assert set(centre_shift(bound, np.zeros(len(bound.names)))) == expected
+
+
+def test_p_values_of_orders_are_those_of_chi_squares(
+    monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    """Of one degree of freedom at the order 0, of two at all others; averaged over the draws."""
+    bound = MODEL.bind(simulated(plan()))
+    squares = rng.gamma(2.0, size=(3, MAX_ORDER + 1))
+    monkeypatch.setattr(predictive_checks, "_squares_of_orders", lambda *_: squares)
+    checks = check_predictions(bound, np.tile(PHI, (3, 1)), np.tile(bound.prior_mean, (3, 1)), rng)
+    freedom = np.array([1, *[2] * MAX_ORDER])
+    expected = stats.chi2(freedom).sf(squares).mean(axis=0)
+    for of_test in checks.values():
+        assert list(of_test.orders_p.values()) == pytest.approx(expected, rel=1e-9)
 
 
 def test_squares_of_orders_are_those_of_each_covariance() -> None:
