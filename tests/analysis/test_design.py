@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations_with_replacement, pairwise, product
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from oracle import Oracle, OracleTest
 from scipy.stats import norm
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.design import forecast
 from ldbb_bayes.analysis.design.bound_plans import bind_plan, bind_tests
 from ldbb_bayes.analysis.design.campaign_design import _limits
 from ldbb_bayes.analysis.design.candidates import add_foreseen_tests, grid_of_tests, templates
@@ -834,6 +837,31 @@ def test_the_power_for_one_slope_is_that_of_its_estimate(size: float) -> None:
     edge = np.sqrt(c * (4.0 - np.log(c)))
     m = norm((1.0 - c) * size, np.sqrt(c * (1.0 - c)))
     assert discrimination.power["a"] == pytest.approx(m.sf(edge) + m.cdf(-edge), rel=1e-6)
+
+
+def test_expected_and_likely_uncertainties_are_quantiles_over_the_machines(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of u = 1, 2, … 9, the median is 5, and nine of ten further machines have u up to 9. The
+    median of normal values scatters √(π/2) times as much as their mean."""
+    u = np.arange(1.0, 10.0)[:, None]
+    monkeypatch.setattr(forecast, "stated_variances", lambda *_, **__: u**2)
+    bound = SimpleNamespace(
+        scale=np.ones(1),
+        model=SimpleNamespace(prior=SimpleNamespace(flat=True)),
+        parameters=[SimpleNamespace(name="C_XXX", unit="mm/N")],
+    )
+    analyses: Any = SimpleNamespace(
+        bound=bound,
+        states_of_analyses=SimpleNamespace(phi=np.zeros((9, 1))),
+        covariance=np.ones((9, 1, 1, 1)),
+        prior_sd=np.array([20.0]),
+    )
+    expected = forecast.expected_uncertainties(analyses, np.ones((9, 1, 1)), np.zeros(1))["C_XXX"]
+    assert (expected.sd, expected.untruncated_sd) == (5.0, 5.0)
+    assert expected.likely_sd == pytest.approx(9.0, rel=1e-12)
+    error = np.sqrt(0.5 * np.pi) * np.sqrt(60.0 / 9.0) / 3.0
+    assert expected.sd_error == pytest.approx(error, rel=1e-4)
 
 
 def test_the_sd_before_the_tests_has_the_scatter_of_the_means_in_it() -> None:

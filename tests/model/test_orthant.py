@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from orthants import pair_by_quadrature, random_case
-from scipy import stats
+from scipy import integrate, stats
 from scipy.special import log_ndtr
 
 from ldbb_bayes.model.orthant import Orthant
@@ -17,6 +17,21 @@ def test_one_constraint_is_exact_however_far() -> None:
     orthant = Orthant(mean, np.full((4, 1, 1), 2.0))
     np.testing.assert_allclose(orthant.log_probability()[0], log_ndtr(mean[:, 0] / 2.0), rtol=1e-12)
     np.testing.assert_allclose(orthant.log_bound, log_ndtr(mean[:, 0] / 2.0), rtol=1e-12)
+
+
+def test_a_constraint_that_is_far_until_another_holds() -> None:
+    """u₁ is −8 and u₂ 6.5 sds above zero: where u₁ ≥ 0 after all, u₂ is −0.7, because they are
+    correlated by −0.9. By one-dimensional quadrature."""
+    rho = -0.9
+    rest_sd = np.sqrt(1.0 - rho**2)
+    orthant = Orthant(np.array([[-8.0, 6.5]]), np.array([[[1.0, 0.0], [rho, rest_sd]]]))
+
+    def density(x: float) -> float:
+        return float(stats.norm.pdf(x) * stats.norm.cdf((6.5 + rho * x) / rest_sd))
+
+    expected = np.log(integrate.quad(density, 8.0, 20.0, epsabs=0.0, epsrel=1e-9)[0])
+    assert expected < log_ndtr(-8.0) - 3.0
+    assert orthant.log_probability(1e-4)[0][0] == pytest.approx(expected, abs=2e-4)
 
 
 @pytest.mark.parametrize(("d", "shift"), [(3, 0.5), (6, 0.0)])
