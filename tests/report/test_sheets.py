@@ -401,7 +401,8 @@ def test_only_rough_weights_of_the_average_itself_are_a_reservation(varying: Fin
 
 
 @pytest.mark.parametrize(
-    ("language", "cure"), [("en", "State the numbers of one model"), ("de", "Stattdessen die Zahlen eines Modells")]
+    ("language", "cure"),
+    [("en", "State the numbers of one model"), ("de", "Stattdessen die Zahlen eines Modells")],
 )
 def test_weights_that_are_not_exact_enough_come_with_a_cure(
     language: str, cure: str, varying: Findings, monkeypatch: pytest.MonkeyPatch
