@@ -27,5 +27,5 @@ def hyper_parameter_nodes(bound: BoundModel) -> tuple[Array, Array]:
     if bound.campaign.is_plan:
         median = np.full((1, len(bound.hyper_prior.names)), 0.5)
         return np.ones(1), bound.hyper_prior.quantile(median)
-    coarse = HyperPosterior(bound, truncated=False).coarse
-    return coarse.weight, bound.hyper_prior.phi(coarse.free)
+    integral = HyperPosterior(bound, truncated=False).coarse_integral
+    return integral.weight, bound.hyper_prior.phi(integral.free)

@@ -94,7 +94,7 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
     """
     bound = posterior.bound
     chosen = _choose_coefficients(bound)
-    nodes = posterior.proposal.resample(_NODES, np.random.default_rng(_SEED))
+    nodes = posterior.weighted_sample.resample(_NODES, np.random.default_rng(_SEED))
     means = []
     covariances = []
     for start in range(0, _NODES, _NODES_AT_ONCE):

@@ -48,7 +48,7 @@ def linear_over_constant(density: HyperPosterior, *, tolerance: float) -> Eviden
     """
     model = density.bound.model
     without_truncation = density.without_truncation
-    nodes = Nodes(without_truncation, without_truncation.proposal)
+    nodes = Nodes(without_truncation, without_truncation.weighted_sample)
     if model.degree != 1 or not nodes.meet(tolerance):
         campaign = density.bound.campaign
         of_linear = log_evidence(model.with_degree(1), campaign, tolerance=tolerance)

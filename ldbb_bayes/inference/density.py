@@ -414,7 +414,7 @@ class LinearRedraw:
         multiplied by the square root of ``temperature``.
         """
         bound = self.density.bound
-        free = self.start.proposal.draw(size, random, temperature=temperature)
+        free = self.start.weighted_sample.draw(size, random, temperature=temperature)
         log_evidence, conditional = self.start.given(free)
         standard = random.standard_normal(conditional.mean.shape)
         log_tilt = np.zeros(size)
@@ -425,7 +425,7 @@ class LinearRedraw:
         log_marginal = bound.hyper_prior.log_density_of_free(free) + log_evidence
         log_joint = log_marginal + conditional.log_density(beta)
         log_target = np.where(bound.truncation.holds(beta), log_joint, -np.inf)
-        log_weight = log_marginal - self.start.proposal.log_proposal(free) + log_tilt
+        log_weight = log_marginal - self.start.weighted_sample.log_proposal(free) + log_tilt
         return WeightedPoints(
             self.density.join(beta, free),
             np.where(np.isfinite(log_target), log_weight, -np.inf),
@@ -445,7 +445,7 @@ class LinearRedraw:
         beta, free = self.density.split(points)
         log_evidence, conditional = self.start.given(free)
         log_marginal = bound.hyper_prior.log_density_of_free(free) + log_evidence
-        log_weight = log_marginal - self.start.proposal.log_proposal(free)
+        log_weight = log_marginal - self.start.weighted_sample.log_proposal(free)
         if bound.truncation.active:
             log_weight = log_weight + conditional.orthant.log_proposal_weight(
                 conditional.standardize(beta)

@@ -217,7 +217,7 @@ def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> t
     tolerance : float
         Error allowed in ln P, or in the logarithm of each of the two integrals [nat].
     """
-    if truncated.without_truncation.proposal.trusted:
+    if truncated.without_truncation.weighted_sample.trusted:
         coarse = truncated.coarse_probability
         if coarse.error <= tolerance and coarse.log_value > _LEAST_COARSE_LOG_PROBABILITY:
             return min(coarse.log_value, 0.0), coarse.error

@@ -106,24 +106,24 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
         share_inside = max(np.exp(posterior.coarse_probability.log_value), _LEAST_SHARE)
     tilted = share_inside < _SMALLEST_SHARE_INSIDE
     fitted_to = posterior if tilted else posterior.without_truncation
-    proposal = fitted_to.proposal
-    if not proposal.trusted:
-        raise TooRoughError(f"Pareto k {proposal.pareto_k:.2f}")
+    sample = fitted_to.weighted_sample
+    if not sample.trusted:
+        raise TooRoughError(f"Pareto k {sample.pareto_k:.2f}")
     for _ in range(1 + _MOST_REFITS):
-        blocks = _propose_blocks(posterior, proposal, size, rng, share_inside, tilted=tilted)
+        blocks = _propose_blocks(posterior, sample, size, rng, share_inside, tilted=tilted)
         draws = _joined(blocks, size)
         effective = _effective_number(draws.free)
         if effective >= _LEAST_EFFECTIVE * size:
             return _shuffled(draws, rng)
         points = np.concatenate([block.points for block in blocks])
         log_density = np.concatenate([block.log_density for block in blocks])
-        proposal = fitted_to.refit_proposal(proposal, points, log_density)
+        sample = fitted_to.refitted_sample(sample, points, log_density)
     raise TooRoughError(f"effective number {effective:.0f} of {size} draws")
 
 
 def _propose_blocks(
     posterior: HyperPosterior,
-    proposal: Integral,
+    sample: Integral,
     size: int,
     rng: np.random.Generator,
     share_inside: float,
@@ -132,18 +132,18 @@ def _propose_blocks(
 ) -> list[_ProposedBlock]:
     """Return blocks of 256 proposed draws, so many that at least ``size`` draws are accepted.
 
-    Raise a `TooRoughError` if almost no draw is accepted. ``proposal`` is the density from which
-    draws are proposed, and ``share_inside`` an estimate of the posterior probability that no
-    compliance is negative. If ``tilted``, the parameters are drawn from a density that is shifted
-    towards compliances that are not negative.
+    Raise a `TooRoughError` if almost no draw is accepted. The draws are proposed from the density
+    of which ``sample`` is a sample, and ``share_inside`` is an estimate of the posterior
+    probability that no compliance is negative. If ``tilted``, the parameters are drawn from a
+    density that is shifted towards compliances that are not negative.
     """
     blocks: list[_ProposedBlock] = []
     accepted = 0
     for _ in range(_MOST_ROUNDS * max(1, -(-size // CHUNK))):
         if tilted:
-            block = _propose_tilted(posterior, proposal, rng)
+            block = _propose_tilted(posterior, sample, rng)
         else:
-            block = _propose_untruncated(posterior, proposal, share_inside, rng)
+            block = _propose_untruncated(posterior, sample, share_inside, rng)
         blocks.append(block)
         accepted += len(block.free)
         if accepted >= size:
@@ -203,18 +203,19 @@ class _ProposedBlock(NamedTuple):
 
 
 def _propose_tilted(
-    posterior: HyperPosterior, proposal: Integral, rng: np.random.Generator
+    posterior: HyperPosterior, sample: Integral, rng: np.random.Generator
 ) -> _ProposedBlock:
     """Draw 256 values of the hyper-parameters φ; return the accepted φ with draws of parameters β.
 
-    φ is drawn from ``proposal`` and accepted with a probability proportional to its weight. The
-    weight is the posterior density of φ under the condition that no compliance is negative, divided
-    by the density of the proposal. β is drawn given the accepted φ, under the same condition, from
-    a density that is shifted (tilted) towards compliances that are not negative.
+    φ is drawn from the proposal of ``sample`` and accepted with a probability proportional to its
+    weight. The weight is the posterior density of φ under the condition that no compliance is
+    negative, divided by the density of the proposal. β is drawn given the accepted φ, under the
+    same condition, from a density that is shifted (tilted) towards compliances that are not
+    negative.
     """
-    log_scale = proposal.log_integral + np.log(_ENVELOPE)
-    free = proposal.draw(CHUNK, rng)
-    log_weight = -proposal.log_proposal(free) - log_scale
+    log_scale = sample.log_integral + np.log(_ENVELOPE)
+    free = sample.draw(CHUNK, rng)
+    log_weight = -sample.log_proposal(free) - log_scale
     log_density = posterior.log_density(free)
     accepted = free[_accept(log_weight + log_density, rng)]
     beta = draw_parameters_given(posterior.bound, accepted, rng)
@@ -226,14 +227,15 @@ def _propose_tilted(
 
 
 def _propose_untruncated(
-    posterior: HyperPosterior, proposal: Integral, share_inside: float, rng: np.random.Generator
+    posterior: HyperPosterior, sample: Integral, share_inside: float, rng: np.random.Generator
 ) -> _ProposedBlock:
     """Draw 256 values of the hyper-parameters φ; return the accepted φ with draws of parameters β.
 
-    φ is drawn from ``proposal``, in coordinates without bounds, such as logarithms of standard
-    deviations. The weight of φ is proportional to its posterior density divided by the density of
-    the proposal. If the weight is below one, φ is accepted with a probability equal to the weight.
-    If the weight is larger, φ may be accepted several times (`_accept`), each time with another β.
+    φ is drawn from the proposal of ``sample``, in coordinates without bounds, such as logarithms of
+    standard deviations. The weight of φ is proportional to its posterior density divided by the
+    density of the proposal. If the weight is below one, φ is accepted with a probability equal to
+    the weight. If the weight is larger, φ may be accepted several times (`_accept`), each time with
+    another β.
 
     If compliances must not be negative, several β are drawn for each φ, at first without this
     condition. The weight of φ is then multiplied by the share of these β that have no negative
@@ -243,9 +245,9 @@ def _propose_untruncated(
     tries = 1
     if posterior.truncated:
         tries = int(np.ceil(_EXPECTED_INSIDE / share_inside))
-    log_scale = proposal.log_integral + np.log(_ENVELOPE * share_inside)
-    free = proposal.draw(CHUNK, rng)
-    log_weight = -proposal.log_proposal(free) - log_scale
+    log_scale = sample.log_integral + np.log(_ENVELOPE * share_inside)
+    free = sample.draw(CHUNK, rng)
+    log_weight = -sample.log_proposal(free) - log_scale
     log_evidence, conditional = posterior.given(free)
     log_marginal = posterior.bound.hyper_prior.log_density_of_free(free) + log_evidence
     log_weight += log_marginal

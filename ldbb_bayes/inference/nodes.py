@@ -384,7 +384,7 @@ class HyperPosterior:
         return HyperPosterior(self.bound, truncated=False, seed=self._seed, near=self._near)
 
     @cached_property
-    def proposal(self) -> Integral:
+    def weighted_sample(self) -> Integral:
         """Weighted random values of the hyper-parameters, drawn from a mixture.
 
         The mixture is fitted to the posterior density, and further values can be drawn from the
@@ -400,38 +400,40 @@ class HyperPosterior:
         )
         return self._scores.to_free(sample)
 
-    def refit_proposal(self, proposal: Integral, free: Array, log_density: Array) -> Integral:
-        """Return weighted random values from a mixture that is fitted anew, as ``proposal`` does.
+    def refitted_sample(self, sample: Integral, free: Array, log_density: Array) -> Integral:
+        """Return weighted random values as `weighted_sample`, from a mixture that is fitted anew.
 
-        ``proposal`` are earlier values, from this function or from the property of the same name.
+        ``sample`` are the earlier values, from this function or from `weighted_sample`.
         ``free``, shape (n, h), holds n more values drawn from the same mixture, in unbounded
         coordinates, and ``log_density``, shape (n,), the log of the posterior density there.
         """
         scores = self._scores.scores(free)
-        sample = refit_sample(
+        refitted = refit_sample(
             self._smooth_log_density,
-            self._scores.from_free(proposal),
+            self._scores.from_free(sample),
             scores,
             log_density + self._scores.log_jacobian(scores),
             seed=self._seed,
         )
-        return self._scores.to_free(sample)
+        return self._scores.to_free(refitted)
 
     @cached_property
     def coarse_probability(self) -> ProbabilityInside:
         """Rough posterior probability that no compliance is negative.
 
         The result is the mean, over nodes (values of the hyper-parameters), of the probability
-        given the hyper-parameters. The nodes are picked from ``without_truncation.proposal``:
-        weighted random values that represent the posterior in which compliances may be negative.
-        More nodes are picked until the error of the log probability is at most 0.02 nat, but not
-        more than ``without_truncation.proposal`` holds. If these are too few, the error exceeds
-        0.02 nat.
+        given the hyper-parameters. The nodes are picked from
+        ``without_truncation.weighted_sample``: weighted random values that represent the posterior
+        in which compliances may be negative. More nodes are picked until the error of the log
+        probability is at most 0.02 nat, but not more than ``without_truncation.weighted_sample``
+        holds. If these are too few, the error exceeds 0.02 nat.
         """
-        return self.probability_inside(self.without_truncation.proposal, _PROBABILITY_TOLERANCE)
+        return self.probability_inside(
+            self.without_truncation.weighted_sample, _PROBABILITY_TOLERANCE
+        )
 
     @cached_property
-    def coarse(self) -> Integral:
+    def coarse_integral(self) -> Integral:
         """Coarse nodes of the posterior density: weighted values of the hyper-parameters.
 
         The error allowed in the log integral from coarse nodes is 0.2 nat. If ``truncated`` is
@@ -441,24 +443,24 @@ class HyperPosterior:
         return self._integrate(_COARSE_TOLERANCE, step=_COARSE_STEP)
 
     @cached_property
-    def coarse_truncated(self) -> Integral:
+    def coarse_integral_truncated(self) -> Integral:
         """Coarse nodes (weighted values of the hyper-parameters) of the posterior density.
 
-        They are the nodes of `coarse` with more accurate weights. If ``truncated`` is true, each
-        weight in `coarse` was multiplied by an upper bound of the probability that no compliance is
-        negative. Here, this bound is replaced by the probability itself.
+        They are the nodes of `coarse_integral` with more accurate weights. If ``truncated`` is
+        true, each weight in `coarse_integral` was multiplied by an upper bound of the probability
+        that no compliance is negative. Here, this bound is replaced by the probability itself.
         """
-        return self._replace_bound(self.coarse)
+        return self._replace_bound(self.coarse_integral)
 
     @cached_property
-    def sample_nodes(self) -> Integral:
+    def weighted_sample_truncated(self) -> Integral:
         """Random values of the hyper-parameters, weighted to represent their posterior density.
 
-        The values are those in `proposal`. If ``truncated`` is true, each weight in `proposal` was
+        The values are those in `weighted_sample`. If ``truncated`` is true, each weight there was
         multiplied by an upper bound of the probability that no compliance is negative. Here, this
         bound is replaced by the probability itself.
         """
-        return self._replace_bound(self.proposal)
+        return self._replace_bound(self.weighted_sample)
 
     def _replace_bound(self, integral: Integral) -> Integral:
         """Return an integral with more accurate weights of its nodes.

@@ -137,4 +137,4 @@ def _draw_free(posterior: HyperPosterior, seed: int) -> Array:
             RuntimeWarning,
             stacklevel=4,
         )
-    return posterior.sample_nodes.resample(_DRAWS, np.random.default_rng(seed))
+    return posterior.weighted_sample_truncated.resample(_DRAWS, np.random.default_rng(seed))

@@ -47,7 +47,7 @@ def test_its_error_is_at_most_two_tolerances_and_those_of_the_truncation() -> No
 
 def test_the_probability_of_truncation_is_that_of_the_integrals() -> None:
     density = HyperPosterior(LINEAR.bind(campaign_of_three()), truncated=True)
-    coarse = density.probability_inside(density.without_truncation.proposal, 0.02)
+    coarse = density.probability_inside(density.without_truncation.weighted_sample, 0.02)
     integrals = [
         nodes.nodes(1e-3).integral.log_integral for nodes in (density, density.without_truncation)
     ]

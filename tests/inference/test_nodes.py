@@ -53,7 +53,7 @@ def test_hopeless_truncation_stays_finite(recovered: lb.Campaign) -> None:
     assert -2500.0 < log_prob < -1500.0
     assert log_prob == pytest.approx(other_seed, abs=0.1)
     rng = np.random.default_rng(0)
-    beta, exact = conditional_draws(bound, truncated.coarse.resample(64, rng), rng)
+    beta, exact = conditional_draws(bound, truncated.coarse_integral.resample(64, rng), rng)
     assert bound.truncation.holds(beta[exact]).all()
     assert exact.mean() > 0.8, "the rest lie on the edge to rounding"
 
@@ -207,10 +207,10 @@ def test_a_proposal_reaches_the_corners_of_the_density(
     free, _ = posterior.nodes(1e-2).integral.heaviest(1e-5)
     log_weight = (
         posterior.log_density(free)
-        - posterior.proposal.log_proposal(free)
-        - posterior.proposal.log_integral
+        - posterior.weighted_sample.log_proposal(free)
+        - posterior.weighted_sample.log_integral
     )
-    assert posterior.proposal.trusted
+    assert posterior.weighted_sample.trusted
     assert np.exp(log_weight.max()) < 12.0
 
 

@@ -80,7 +80,7 @@ def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Ar
         nodes = np.asarray(prior.quantile(points.random(power_of_two)))
     else:
         posterior = _hyper_posterior(model, pilot)
-        free = posterior.coarse_truncated.resample(size, np.random.default_rng(seed))
+        free = posterior.coarse_integral_truncated.resample(size, np.random.default_rng(seed))
         nodes = posterior.bound.hyper_prior.phi(free)
     if model.prior.flat:
         return np.sqrt((nodes**2).mean(axis=0, keepdims=True))
