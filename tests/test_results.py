@@ -19,7 +19,7 @@ from public_names import public_names
 from reports import fitted
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.nodes import Evidence
+from ldbb_bayes.inference.evidence_value import Evidence
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.results import ByName, Shown, Table, parts_of, readable, register_when_displayed
 

@@ -43,6 +43,7 @@ from ldbb_bayes.inference.evidence import (
     probabilities,
     require_models,
 )
+from ldbb_bayes.inference.evidence_value import Evidence
 from ldbb_bayes.inference.evidences import (
     Evidences,
     leave_one_out,
@@ -50,7 +51,7 @@ from ldbb_bayes.inference.evidences import (
     report_nothing,
 )
 from ldbb_bayes.inference.least_squares import fit_least_squares
-from ldbb_bayes.inference.nodes import Evidence, Nodes
+from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.inference.residuals import fit_quality
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.parallel import one_blas_thread, start_early

@@ -15,8 +15,9 @@ import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.errors import require
+from ldbb_bayes.inference.evidence_value import Evidence
 from ldbb_bayes.inference.integrals import LARGEST_PARETO_K
-from ldbb_bayes.inference.nodes import Evidence, HyperPosterior, Nodes
+from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
 from ldbb_bayes.model.hybrid import HybridModel, require_model
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array

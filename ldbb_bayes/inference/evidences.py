@@ -20,7 +20,8 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.evidence import check_comparable
-from ldbb_bayes.inference.nodes import Evidence, HyperPosterior, Nodes
+from ldbb_bayes.inference.evidence_value import Evidence
+from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
 from ldbb_bayes.inference.nodes_without_test import NodesWithoutTest
 from ldbb_bayes.inference.related_models import RelatedModels
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel

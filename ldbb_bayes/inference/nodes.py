@@ -21,6 +21,7 @@ from scipy.stats import qmc
 
 from ldbb_bayes.inference.conditional_sampling import draw_parameters_given
 from ldbb_bayes.inference.density_ratio import RatioSampler
+from ldbb_bayes.inference.evidence_value import Evidence
 from ldbb_bayes.inference.importance_sampling import (
     importance_sample,
     refit_sample,
@@ -40,9 +41,8 @@ from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.mixtures import mixture_quantiles
 from ldbb_bayes.model.orthant import Orthant
 from ldbb_bayes.results import Array
-from ldbb_bayes.units import value_and_uncertainty
 
-__all__ = ["Evidence", "HyperPosterior", "Nodes"]
+__all__ = ["HyperPosterior", "Nodes"]
 
 # Number of points at which the density is computed to choose the starting points of the search for
 # modes (maxima) of the posterior.
@@ -516,39 +516,6 @@ class HyperPosterior:
         """
         phi = self.bound.hyper_prior.phi(self._scores.free(scores))
         return self._add_likelihood(self._scores.log_prior(scores), phi, smooth=True)
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """Log evidence ln Z of a model: the log density of a campaign's readings under the model."""
-
-    #: log evidence ln Z: the log density of the readings in mm under the model; only differences
-    #: between models of the same readings have a meaning
-    log_value: float
-    #: error of the log evidence [nat]; infinite if the weights of the nodes (values of the
-    #: hyper-parameters) cannot be trusted
-    error: float
-    #: number of nodes (values of the hyper-parameters) from which the log evidence was computed
-    nodes: int
-    #: digest (SHA-256) of the readings and of the conditions under which they were taken
-    sha256: str
-
-    @property
-    def trusted(self) -> bool:
-        """Whether the log evidence can be trusted, that is, whether its error is finite.
-
-        The error is infinite if the weights of the nodes (values of the hyper-parameters) cannot be
-        trusted.
-        """
-        return bool(np.isfinite(self.error))
-
-    def __repr__(self) -> str:
-        """Return a line of text with the log evidence, its error and the number of nodes.
-
-        Nodes are weighted values of the hyper-parameters.
-        """
-        value = " ± ".join(value_and_uncertainty(self.log_value, self.error))
-        return f"<Evidence: ln Z = {value} nat, {self.nodes} nodes; readings {self.sha256[:8]}>"
 
 
 class _ConditionalMoments(NamedTuple):

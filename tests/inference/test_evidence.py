@@ -17,9 +17,10 @@ from scipy import stats
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.evidence import log_prob_truncation
+from ldbb_bayes.inference.evidence_value import Evidence
 from ldbb_bayes.inference.evidences import Evidences, leave_one_out
 from ldbb_bayes.inference.mcmc import StoppingRule
-from ldbb_bayes.inference.nodes import Evidence, HyperPosterior
+from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.prediction import replicate_left_out
 from ldbb_bayes.inference.residuals import matrix_to_harmonics
 from ldbb_bayes.model.hybrid import BoundModel
