@@ -298,7 +298,7 @@ class HyperPosterior:
         """
         attempt = None
         factor = self._truncation_factor(integral, tolerance)
-        for attempt in RatioSampler(integral).attempts(factor.log_values):
+        for attempt in RatioSampler(integral).attempts(factor.log_truncated_density):
             if attempt.error <= tolerance:
                 return Nodes(self, attempt.integral, attempt.value_error)
             if attempt.least_error > tolerance:
@@ -314,7 +314,9 @@ class HyperPosterior:
         )
         resampled = self._scores.to_free(sample)
         resampled_factor = self._truncation_factor(resampled, tolerance, bounded=True)
-        sampled = RatioSampler(resampled).integrate(resampled_factor.log_values, tolerance)
+        sampled = RatioSampler(resampled).integrate(
+            resampled_factor.log_truncated_density, tolerance
+        )
         if sampled is None:
             return None
         return Nodes(self, sampled.integral, sampled.value_error)
@@ -345,7 +347,7 @@ class HyperPosterior:
             The bound is then replaced by P(T | y, φ).
         """
         factor = self._truncation_factor(integral, tolerance, bounded=bounded)
-        sampled = RatioSampler(integral).integrate(factor.log_values, tolerance)
+        sampled = RatioSampler(integral).integrate(factor.log_truncated_density, tolerance)
         if sampled is not None:
             return Nodes(self, sampled.integral, sampled.value_error)
         spare = min(tolerance / _PARTS_OF_TOLERANCE, _LARGEST_LEFT_OUT)

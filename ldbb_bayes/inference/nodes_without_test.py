@@ -25,7 +25,7 @@ import numpy as np
 from ldbb_bayes.inference.density_ratio import LogValues, RatioSampler
 from ldbb_bayes.inference.integrals import Index, Integral
 from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
-from ldbb_bayes.inference.related_models import log_values
+from ldbb_bayes.inference.related_models import log_density_with_error
 from ldbb_bayes.results import Array
 
 __all__ = ["NodesWithoutTest"]
@@ -123,7 +123,7 @@ class NodesWithoutTest:
             return self._nodes_with_noise_factor(posterior, self._prior.names.index(noise_factor))
 
         def evaluate(index: Index) -> LogValues:
-            return log_values(posterior, self._integral.free[index], self._tolerance)
+            return log_density_with_error(posterior, self._integral.free[index], self._tolerance)
 
         sampled = self._ratios.integrate(evaluate, self._tolerance)
         if sampled is None:
@@ -146,7 +146,7 @@ class NodesWithoutTest:
             # the noise of its circle. The density is the posterior density without the test, in
             # which the prior of this noise factor is replaced by the Gaussian density ``factor``.
             free = self._integral.free[index]
-            values = log_values(posterior, free, self._tolerance)
+            values = log_density_with_error(posterior, free, self._tolerance)
             change = factor.log_density(free) - self._prior.log_density_of_log_noise(free[:, axis])
             return LogValues(values.log_density + change, values.error)
 

@@ -18,15 +18,11 @@ import numpy as np
 from ldbb_bayes.inference.density_ratio import LogValues, RatioSampler
 from ldbb_bayes.inference.integrals import Index, in_chunks
 from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
+from ldbb_bayes.inference.truncation_factor import common_error_allowed
 from ldbb_bayes.results import Array
 
-__all__ = ["RelatedModels", "log_values"]
+__all__ = ["RelatedModels", "log_density_with_error"]
 
-# The log probability that no compliance is negative may have an error of ``_SHARE_OF_TOLERANCE``
-# times the tolerance of the log evidence, but the permitted error is at least ``_FINEST_TOLERANCE``
-# [nat].
-_SHARE_OF_TOLERANCE = 0.25
-_FINEST_TOLERANCE = 1e-3
 # If the nodes of the given model do not suffice for a related model, and the error of the given
 # model's log evidence exceeds ``_LARGEST_SHARE`` times the tolerance, its nodes are computed once
 # more, with ``_FINER`` times the tolerance.
@@ -162,7 +158,7 @@ class RelatedModels:
         allowed = self._tolerance if tolerance is None else tolerance
 
         def evaluate(index: Index) -> LogValues:
-            return log_values(posterior, ratios.integral.free[index], self._tolerance)
+            return log_density_with_error(posterior, ratios.integral.free[index], self._tolerance)
 
         sampled = ratios.integrate(evaluate, allowed)
         if sampled is None:
@@ -186,7 +182,7 @@ class RelatedModels:
         return Nodes(posterior, untruncated)
 
 
-def log_values(posterior: HyperPosterior, free: Array, tolerance: float) -> LogValues:
+def log_density_with_error(posterior: HyperPosterior, free: Array, tolerance: float) -> LogValues:
     """Return the joint log density of readings and hyper-parameters at w points, with errors.
 
     ``free``, shape (w, h), holds w values of the h hyper-parameters in unbounded coordinates
@@ -199,7 +195,8 @@ def log_values(posterior: HyperPosterior, free: Array, tolerance: float) -> LogV
     log_density = log_density + log_evidence
     error = np.zeros(len(free))
     if posterior.truncated:
-        allowed = max(_SHARE_OF_TOLERANCE * tolerance, _FINEST_TOLERANCE)
-        log_probability, error = conditional.orthant.log_probability(allowed)
+        log_probability, error = conditional.orthant.log_probability(
+            common_error_allowed(tolerance)
+        )
         log_density = log_density + log_probability
     return LogValues(log_density, error)

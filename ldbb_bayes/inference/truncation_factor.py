@@ -18,10 +18,17 @@ from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.orthant import NoisyLogProbability, Orthant
 from ldbb_bayes.results import Array
 
-__all__ = ["ProbabilityInside", "TruncationFactor", "mean_probability_inside"]
+__all__ = [
+    "ProbabilityInside",
+    "TruncationFactor",
+    "common_error_allowed",
+    "mean_probability_inside",
+]
 
-# Smallest tolerance [nat] for the log probability that no compliance is negative. The tolerance is
-# a quarter of that of the log evidence, but at least this value.
+# The error of ln P(T | y, φ) that may be common to all nodes is allowed to be this share of the
+# tolerance of the log evidence.
+_SHARE_OF_TOLERANCE = 0.25
+# Smallest error [nat] that is allowed in ln P(T | y, φ), however small the tolerance is.
 _FINEST_TOLERANCE = 1e-3
 # Random error allowed in the log probability that no compliance is negative at one node (value of
 # the hyper-parameters), as a multiple of the tolerance. The probability is computed from
@@ -81,7 +88,7 @@ class TruncationFactor:
         self._common_error = np.zeros(len(integral.free))
         self._noise = np.zeros(len(integral.free))
 
-    def log_values(self, index: Index) -> LogValues:
+    def log_truncated_density(self, index: Index) -> LogValues:
         """Return the log density with truncation at k nodes, and their common error [nat].
 
         ``index``, shape (k,), holds the indices of the nodes. The factor is computed anew at all of
@@ -106,7 +113,7 @@ class TruncationFactor:
         """
         unknown = index[np.isnan(self._log_factor[index])]
         for start in range(0, len(unknown), CHUNK):
-            self.log_values(unknown[start : start + CHUNK])
+            self.log_truncated_density(unknown[start : start + CHUNK])
         return self._log_factor[index]
 
     def error(self, weight: Array) -> float:
@@ -187,6 +194,15 @@ def _mean_probability(
     return ProbabilityInside(highest + float(np.log(mean)), (scatter + numerical_error) / mean)
 
 
+def common_error_allowed(tolerance: float) -> float:
+    """Return the error allowed in ln P(T | y, φ) that may be common to all nodes φ [nat].
+
+    It is a quarter of the tolerance, but at least 0.001 nat. ``tolerance`` is the error allowed in
+    the log evidence, or in ln P(T | y) [nat].
+    """
+    return max(_SHARE_OF_TOLERANCE * tolerance, _FINEST_TOLERANCE)
+
+
 def _orthants(bound: BoundModel, free: Array) -> Orthant:
     """Return the Gaussian densities of the compliances given w values of the hyper-parameters.
 
@@ -206,7 +222,7 @@ def _log_probability(orthant: Orthant, tolerance: float, seed: int) -> NoisyLogP
     is allowed to be larger.
     """
     return orthant.log_probability_with_noise(
-        max(tolerance / 4.0, _FINEST_TOLERANCE),
+        common_error_allowed(tolerance),
         max(_NOISE_PER_TOLERANCE * tolerance, _FINEST_TOLERANCE),
         seed=seed,
     )
