@@ -34,10 +34,9 @@ __all__ = ["Evidences", "leave_one_out", "left_out_log_densities", "report_nothi
 # Error allowed in a log evidence [nat] that is computed only to decide whether a model is rejected.
 # The tolerance of the `Evidences` object is used instead if it is larger.
 _ROUGH_TOLERANCE = 0.1
-# To predict a test from the other tests, nodes (weighted values of the hyper-parameters) are needed
-# for the campaign without this test. If the campaign has at least ``_FEWEST_TESTS`` tests, these
-# nodes are computed from the nodes for all tests. With fewer tests, it is as fast to compute them
-# anew.
+# To predict a test from the other tests, nodes are needed for the campaign without this test. If
+# the campaign has at least ``_FEWEST_TESTS`` tests, these nodes are computed from the nodes for all
+# tests. With fewer tests, it is as fast to compute them anew.
 _FEWEST_TESTS = 16
 # Nodes (weighted values of the hyper-parameters) for a campaign without one test may be computed
 # from those for all tests. Their error then includes that of the nodes for all tests, which alone
@@ -185,11 +184,10 @@ class Evidences(Shown):
     def apart(self, tolerance: float | None = None) -> Evidences:
         """Return a new, still empty ``Evidences`` object for the same readings.
 
-        The posterior mode of a model's hyper-parameters (such as the standard deviation of the
-        noise) is found by a search. In the new object, the search starts at the mode that this
-        object has found for a model with the same hyper-parameters, if there is one. ``tolerance``
-        is the error allowed in every log evidence [nat]; if it is None, the tolerance of this
-        object is used.
+        The posterior mode of a model's hyper-parameters is found by a search. In the new object,
+        the search starts at the mode that this object has found for a model with the same
+        hyper-parameters, if there is one. ``tolerance`` is the error allowed in every log evidence
+        [nat]; if it is None, the tolerance of this object is used.
         """
         return self._with_modes(tolerance or self.tolerance, self._keep_tests, self._modes)
 
@@ -214,8 +212,8 @@ class Evidences(Shown):
         The object is new, and no evidence has been computed yet. ``test`` is the name of the test
         left out, ``tests`` are the names of all tests. ``modes`` is a dict of modes (maxima) of
         similar posteriors, at which searches for modes start. Its keys are tuples with the names of
-        hyper-parameters (such as the standard deviation of the noise). A mode is used for models
-        that have exactly the hyper-parameters in its key.
+        hyper-parameters. A mode is used for models that have exactly the hyper-parameters in its
+        key.
         """
         remaining = [name for name in tests if name != test]
         return self._with_modes(self.tolerance, remaining, modes, self.progress)
@@ -266,17 +264,14 @@ class Evidences(Shown):
         return self._posteriors[key]
 
     def _compute_nodes(self, model: HybridModel) -> Nodes:
-        """Return the quadrature nodes of a model, from those of a related model if possible.
-
-        Nodes are weighted values of the hyper-parameters.
-        """
+        """Return the quadrature nodes of a model, from those of a related model if possible."""
         return self._related_models_of(model).nodes(self.posterior(model))
 
     def _related_models_of(self, model: HybridModel) -> RelatedModels:
         """Return the nodes that are shared by all models related to a model.
 
-        Nodes are weighted values of the hyper-parameters. For the first model of a group of related
-        models, new nodes are computed. They are then used for all models of the group.
+        For the first model of a group of related models, new nodes are computed. They are then used
+        for all models of the group.
         """
         key = _key_of_related_models(model)
         if key not in self._related_models:
@@ -313,8 +308,7 @@ def _key_of_related_models(model: HybridModel) -> str:
 
     The text describes a simplified model. Its compliances are constant and may be negative, and it
     has no alternative explanations (effects that look like a change of compliance with force).
-    Models with the same text can share the calculation of their nodes (weighted values of the
-    hyper-parameters).
+    Models with the same text can share the calculation of their nodes.
     """
     constant = model.without("truncation").with_slope_scale(1.0).with_degree(0)
     return model_to_toml(constant.with_rivals())
@@ -328,8 +322,8 @@ def leave_one_out(
 ) -> dict[str, dict[str, Nodes]]:
     """Return the quadrature nodes of every model for the readings with each test left out in turn.
 
-    Nodes are weighted values of the hyper-parameters (such as the standard deviation of the noise),
-    from which the evidence of the model follows. The campaign must have at least two tests.
+    Nodes are weighted values of the hyper-parameters, from which the evidence of the model follows.
+    The campaign must have at least two tests.
 
     Parameters
     ----------
@@ -357,8 +351,7 @@ def leave_one_out(
     bound = next(iter(nodes_by_model.values())).bound
     all_tests = Evidences(bound.campaign, tolerance=tolerance, progress=progress)
     # If there are many tests, leaving out one of them hardly changes the posterior of the
-    # hyper-parameters. The nodes (weighted values of the hyper-parameters) for all tests are then
-    # used again with other weights.
+    # hyper-parameters. The nodes for all tests are then used again with other weights.
     of_all_tests = {}
     if len(bound.test_names) >= _FEWEST_TESTS:
         for name, nodes in nodes_by_model.items():

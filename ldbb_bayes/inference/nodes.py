@@ -53,29 +53,28 @@ _STARTS = 256
 # Gaussian fitted at the highest mode.
 _COARSE_TOLERANCE = 0.2
 _COARSE_STEP = 1.25
-# The nodes (values of the hyper-parameters) of smallest weight are skipped when the probability
-# that no compliance is negative is computed. The share of the integral that belongs to these nodes
-# is at most the tolerance [nat] divided by this number.
+# The nodes of smallest weight are skipped when the probability that no compliance is negative is
+# computed. The share of the integral that belongs to these nodes is at most the tolerance [nat]
+# divided by this number.
 _PARTS_OF_TOLERANCE = 20.0
-# The nodes (values of the hyper-parameters) of smallest weight are skipped when the probability
-# that no compliance is negative is computed. With a larger tolerance, more nodes are skipped, but
-# together the skipped nodes never hold more than this share of the integral.
+# The nodes of smallest weight are skipped when the probability that no compliance is negative is
+# computed. With a larger tolerance, more nodes are skipped, but together the skipped nodes never
+# hold more than this share of the integral.
 _LARGEST_LEFT_OUT = 5e-4
 # The error of the log evidence is the sum of two errors. One is the error of the integral over the
-# nodes (weighted values of the hyper-parameters), the other that of the probability that no
-# compliance is negative. If the first error is within the tolerance but the sum is not, new nodes
-# are computed with the tolerance multiplied by this factor.
+# nodes, the other that of the probability that no compliance is negative. If the first error is
+# within the tolerance but the sum is not, new nodes are computed with the tolerance multiplied by
+# this factor.
 _NODES_SHARE = 0.7
-# New nodes (values of the hyper-parameters) may be drawn from a proposal that is fitted to other
-# nodes. The error of their integral may be this fraction of the tolerance, because the probability
-# that no compliance is negative is then computed at a few of them, which has an error of its own.
+# New nodes may be drawn from a proposal that is fitted to other nodes. The error of their integral
+# may be this fraction of the tolerance, because the probability that no compliance is negative is
+# then computed at a few of them, which has an error of its own.
 _SHARE_OF_RESAMPLED = 0.8
 # Error allowed in the logarithm of the rough posterior probability that no compliance is negative
 # [nat], see `coarse_probability`.
 _PROBABILITY_TOLERANCE = 0.02
-# The nodes (weighted values of the hyper-parameters) of smallest weight are left out of averages,
-# such as the means and variances of the parameters. Together, these nodes hold at most this share
-# of the weight.
+# The nodes of smallest weight are left out of averages, such as the means and variances of the
+# parameters. Together, these nodes hold at most this share of the weight.
 _SPARE = 1e-7
 # Number of Gaussians in the mixture from which quantiles of parameters are computed. Each Gaussian
 # belongs to one value of the hyper-parameters.
@@ -157,13 +156,12 @@ class HyperPosterior:
     def mode(self) -> Array:
         """Values of the h hyper-parameters φ where the smooth density is highest, shape (h,).
 
-        The hyper-parameters are quantities such as the standard deviation of the noise. The values
-        are returned in unbounded coordinates, which for most hyper-parameters are ln(φ − lower
-        bound). The density, however, is that of the normal scores: other coordinates, in which
-        every prior is standard normal, except the priors of factors that multiply the noise of
-        single circles. If the field ``truncated`` is true, one factor of the posterior density is
-        the probability that no compliance is negative. The smooth density has a smooth upper bound
-        in place of this probability.
+        The values are returned in unbounded coordinates, which for most hyper-parameters are ln(φ −
+        lower bound). The density, however, is that of the normal scores: other coordinates, in
+        which every prior is standard normal, except the priors of factors that multiply the noise
+        of single circles. If the field ``truncated`` is true, one factor of the posterior density
+        is the probability that no compliance is negative. The smooth density has a smooth upper
+        bound in place of this probability.
         """
         return self._scores.free(self.modes[0][0])
 
@@ -171,17 +169,15 @@ class HyperPosterior:
         """Return ln p(y | φ), shape (w,), and the Gaussian densities p(β | y, φ) for w values of φ.
 
         y are the readings, β the parameters (compliances, their changes with force, geometric
-        errors), and φ the h hyper-parameters (such as the standard deviation of the noise).
-        ``free``, shape (w, h), holds φ in unbounded coordinates, mostly ln(φ − lower bound). The
-        Gaussians allow negative compliances.
+        errors), and φ the h hyper-parameters. ``free``, shape (w, h), holds φ in free coordinates.
+        The Gaussians allow negative compliances.
         """
         return self.bound.given(self.bound.hyper_prior.phi(free))
 
     def log_density(self, free: Array) -> Array:
         """Return the joint log density of readings and hyper-parameters at w points, shape (w,).
 
-        ``free``, shape (w, h), holds w values of the h hyper-parameters φ (such as the standard
-        deviation of the noise) in unbounded coordinates, mostly ln(φ − lower bound). If
+        ``free``, shape (w, h), holds w values of the h hyper-parameters φ in free coordinates. If
         ``truncated`` of this object is True, the log probability that no compliance is negative,
         given φ and the readings, is added. At points where the prior density is zero, the result is
         −∞.
@@ -216,9 +212,9 @@ class HyperPosterior:
     def nodes(self, tolerance: float = 1e-3) -> Nodes:
         """Return weighted values of the hyper-parameters φ (nodes) that represent their posterior.
 
-        φ are the hyper-parameters, such as the standard deviation of the noise. ``tolerance`` is
-        the error allowed in the logarithm of the integral of the density [nat], which is the log
-        evidence. If the nodes do not reach this tolerance, their ``error`` is larger.
+        ``tolerance`` is the error allowed in the logarithm of the integral of the density [nat],
+        which is the log evidence. If the nodes do not reach this tolerance, their ``error`` is
+        larger.
 
         If the attribute ``truncated`` is True, the posterior density of φ has the factor P(φ): the
         probability, given φ and the readings, that no compliance is negative. First, nodes are
@@ -259,13 +255,12 @@ class HyperPosterior:
     def _integrate(self, tolerance: float, *, step: float | None = None) -> Integral:
         """Return the integral of the smooth posterior density, with nodes in unbounded coordinates.
 
-        Nodes are weighted values of the hyper-parameters. If the field ``truncated`` is true, one
-        factor of the posterior density is the probability that no compliance is negative. The
-        smooth density has a smooth upper bound in place of this probability. ``tolerance`` is the
-        error allowed in the log integral [nat]; if it is not reached, the integral states its
-        larger error. ``step`` is the first spacing of the nodes if they form a lattice, in standard
-        deviations of the Gaussian fitted at the highest mode; by default, it is computed from the
-        tolerance.
+        If the field ``truncated`` is true, one factor of the posterior density is the probability
+        that no compliance is negative. The smooth density has a smooth upper bound in place of this
+        probability. ``tolerance`` is the error allowed in the log integral [nat]; if it is not
+        reached, the integral states its larger error. ``step`` is the first spacing of the nodes if
+        they form a lattice, in standard deviations of the Gaussian fitted at the highest mode; by
+        default, it is computed from the tolerance.
         """
         integral = integrate(
             self._smooth_log_density,
@@ -286,9 +281,8 @@ class HyperPosterior:
     def _resample_truncated(self, integral: Integral, tolerance: float) -> Nodes | None:
         """Return nodes for the density with truncation, from nodes of the one without, if possible.
 
-        Nodes are weighted values of the hyper-parameters φ (such as the standard deviation of the
-        noise). P(T | y, φ) is the probability, given the readings y and φ, of the condition T that
-        no compliance is negative. ``integral`` holds the nodes of the density that allows negative
+        P(T | y, φ) is the probability, given the readings y and φ, of the condition T that no
+        compliance is negative. ``integral`` holds the nodes of the density that allows negative
         compliances. If P(T | y, φ) at a few of these nodes suffices for the ``tolerance``, they are
         returned with weights multiplied by P(T | y, φ). If it does not, a proposal is fitted to
         these weights, and new nodes are drawn from it for the density with a smooth upper bound in
@@ -330,9 +324,8 @@ class HyperPosterior:
     ) -> Nodes:
         """Return nodes with weights multiplied by the probability that no compliance is negative.
 
-        Nodes are weighted values of the hyper-parameters φ (such as the standard deviation of the
-        noise). P(T | y, φ) is the probability, given the readings y and φ, of the condition T that
-        no compliance is negative. This probability is computed only at some of the nodes
+        P(T | y, φ) is the probability, given the readings y and φ, of the condition T that no
+        compliance is negative. This probability is computed only at some of the nodes
         (`density_ratio`). If the error would then exceed the tolerance, the probability is computed
         at all nodes except those of smallest weight.
 
@@ -423,12 +416,12 @@ class HyperPosterior:
     def coarse_probability(self) -> ProbabilityInside:
         """Rough posterior probability that no compliance is negative.
 
-        The result is the mean, over nodes (values of the hyper-parameters), of the probability
-        given the hyper-parameters. The nodes are picked from
-        ``without_truncation.weighted_sample``: weighted random values that represent the posterior
-        in which compliances may be negative. More nodes are picked until the error of the log
-        probability is at most 0.02 nat, but not more than ``without_truncation.weighted_sample``
-        holds. If these are too few, the error exceeds 0.02 nat.
+        The result is the mean, over nodes, of the probability given the hyper-parameters. The nodes
+        are picked from ``without_truncation.weighted_sample``: weighted random values that
+        represent the posterior in which compliances may be negative. More nodes are picked until
+        the error of the log probability is at most 0.02 nat, but not more than
+        ``without_truncation.weighted_sample`` holds. If these are too few, the error exceeds 0.02
+        nat.
         """
         return self.probability_inside(
             self.without_truncation.weighted_sample, _PROBABILITY_TOLERANCE
@@ -446,7 +439,7 @@ class HyperPosterior:
 
     @cached_property
     def coarse_integral_truncated(self) -> Integral:
-        """Coarse nodes (weighted values of the hyper-parameters) of the posterior density.
+        """Coarse nodes of the posterior density.
 
         They are the nodes of `coarse_integral` with more accurate weights. If ``truncated`` is
         true, each weight in `coarse_integral` was multiplied by an upper bound of the probability
@@ -467,11 +460,11 @@ class HyperPosterior:
     def _replace_bound(self, integral: Integral) -> Integral:
         """Return an integral with more accurate weights of its nodes.
 
-        Nodes are values of the hyper-parameters. If ``truncated`` is true, each weight in the given
-        ``integral`` was multiplied by an upper bound of the probability that no compliance is
-        negative. In the result, this bound is replaced by the probability itself. The error allowed
-        in the log integral is 0.2 nat, so that the probability is usually computed at some of the
-        nodes only (`truncate`). If ``truncated`` is false, ``integral`` is returned unchanged.
+        If ``truncated`` is true, each weight in the given ``integral`` was multiplied by an upper
+        bound of the probability that no compliance is negative. In the result, this bound is
+        replaced by the probability itself. The error allowed in the log integral is 0.2 nat, so
+        that the probability is usually computed at some of the nodes only (`truncate`). If
+        ``truncated`` is false, ``integral`` is returned unchanged.
         """
         if not self.truncated:
             return integral
@@ -544,8 +537,7 @@ class Nodes:
     posterior : HyperPosterior
         The posterior density of the hyper-parameters that the nodes represent.
     integral : Integral
-        The nodes, which are values of the hyper-parameters in unbounded coordinates (mostly
-        ln(value − lower bound)), and their weights.
+        The nodes, which are values of the hyper-parameters in free coordinates, and their weights.
     truncation_error : float
         Part of the error of the log evidence [nat]. It comes from errors of the probabilities that
         no compliance is negative.
@@ -557,20 +549,16 @@ class Nodes:
 
     @property
     def bound(self) -> BoundModel:
-        """The model of one campaign whose posterior the nodes represent.
-
-        Nodes are weighted values of the hyper-parameters.
-        """
+        """The model of one campaign whose posterior the nodes represent."""
         return self.posterior.bound
 
     @property
     def error(self) -> float:
         """Error of the log evidence [nat].
 
-        The error includes the error of the integral over the nodes (values of the
-        hyper-parameters). If compliances must not be negative, the error also includes the errors
-        of the log probability that no compliance is negative, under the posterior and under the
-        prior.
+        The error includes the error of the integral over the nodes. If compliances must not be
+        negative, the error also includes the errors of the log probability that no compliance is
+        negative, under the posterior and under the prior.
         """
         error = self.integral.error + self.truncation_error
         if not self.posterior.truncated:
@@ -580,12 +568,11 @@ class Nodes:
     def meet(self, tolerance: float) -> bool:
         """Return whether the error of the log evidence is small enough for the tolerance [nat].
 
-        The error of the log evidence has two parts: the error of the integral over the nodes
-        (weighted values of the hyper-parameters), and the truncation error, which is that of the
-        log probability that no compliance is negative. In general, the sum of the two parts must
-        not exceed the tolerance. If the truncation error alone is half the tolerance or more, more
-        nodes would hardly reduce the sum. In this case, only the error of the integral is compared
-        with the tolerance.
+        The error of the log evidence has two parts: the error of the integral over the nodes, and
+        the truncation error, which is that of the log probability that no compliance is negative.
+        In general, the sum of the two parts must not exceed the tolerance. If the truncation error
+        alone is half the tolerance or more, more nodes would hardly reduce the sum. In this case,
+        only the error of the integral is compared with the tolerance.
         """
         if self.truncation_error >= tolerance / 2.0:
             return self.integral.error <= tolerance
@@ -595,9 +582,8 @@ class Nodes:
     def evidence(self) -> Evidence:
         """Log evidence ln Z = ln ∫ p(y | φ) p(φ) dφ, for readings y and hyper-parameters φ.
 
-        φ are the hyper-parameters, such as the standard deviation of the noise. If compliances must
-        not be negative (truncation), ln P(T | y) − ln P(T) is added. P(T | y) and P(T) are the
-        posterior and the prior probability that no compliance is negative.
+        If compliances must not be negative (truncation), ln P(T | y) − ln P(T) is added. P(T | y)
+        and P(T) are the posterior and the prior probability that no compliance is negative.
         """
         log_value = self.integral.log_integral
         if self.posterior.truncated:
@@ -619,14 +605,14 @@ class Nodes:
     def draw(self, size: int, rng: np.random.Generator) -> tuple[Array, Array]:
         """Return ``size`` posterior draws of parameters and hyper-parameters.
 
-        Hyper-parameters (such as the standard deviation of the noise) are picked from the nodes
-        (weighted values) in proportion to the weights. Parameters (compliances, their changes with
-        force, geometric errors) are drawn at random given the picked hyper-parameters and the
-        readings. All draws are in units made of mm, N and rad. For p parameters and h
-        hyper-parameters, the results have the shapes (size, p) and (size, h). If the posterior of
-        the nodes is ``truncated``, no compliance is negative in any draw. ``rng`` generates the
-        random numbers. Raise an `InputError` if, for one of the picked hyper-parameters, many
-        attempts all give a negative compliance.
+        Hyper-parameters (such as the standard deviation of the noise) are picked from the nodes in
+        proportion to the weights. Parameters (compliances, their changes with force, geometric
+        errors) are drawn at random given the picked hyper-parameters and the readings. All draws
+        are in units made of mm, N and rad. For p parameters and h hyper-parameters, the results
+        have the shapes (size, p) and (size, h). If the posterior of the nodes is ``truncated``, no
+        compliance is negative in any draw. ``rng`` generates the random numbers. Raise an
+        `InputError` if, for one of the picked hyper-parameters, many attempts all give a negative
+        compliance.
         """
         free = self.integral.resample(size, rng)
         beta = draw_parameters_given(self.bound, free, rng, truncated=self.posterior.truncated)
@@ -637,12 +623,11 @@ class Nodes:
     ) -> tuple[Array, Array]:
         """Return the posterior mean and standard deviation of the p parameters, each of shape (p,).
 
-        Means and variances given the hyper-parameters are averaged over the nodes (weighted values
-        of the hyper-parameters). The nodes of smallest weight, which together hold at most the
-        share ``spare`` of the weight, are left out. If there are more nodes than ``components``,
-        the averages are over ``components`` nodes that are picked in proportion to their weights.
-        If compliances must not be negative, means and variances given the hyper-parameters are
-        computed from ``points`` quasi-random points.
+        Means and variances given the hyper-parameters are averaged over the nodes. The nodes of
+        smallest weight, which together hold at most the share ``spare`` of the weight, are left
+        out. If there are more nodes than ``components``, the averages are over ``components`` nodes
+        that are picked in proportion to their weights. If compliances must not be negative, means
+        and variances given the hyper-parameters are computed from ``points`` quasi-random points.
         """
         free, weight = self.integral.heaviest(spare)
         if components is not None and len(free) > components:
@@ -662,9 +647,9 @@ class Nodes:
 
         ``levels``, shape (n,), holds the probabilities. The quantiles are computed from a mixture
         of Gaussians. Each Gaussian is the density of a parameter given one value of the
-        hyper-parameters. ``components`` such values are picked from the nodes (weighted values) in
-        proportion to the weights. The condition that no compliance is negative restricts only a few
-        linear combinations of the parameters. If the model has this condition, values of these
+        hyper-parameters. ``components`` such values are picked from the nodes in proportion to the
+        weights. The condition that no compliance is negative restricts only a few linear
+        combinations of the parameters. If the model has this condition, values of these
         combinations are drawn at random, and each Gaussian is the density of a parameter given both
         the hyper-parameters and these values. ``seed`` is the seed of all random numbers.
         """
@@ -685,14 +670,13 @@ class Nodes:
     ) -> _ConditionalMoments:
         """Return the moments of the parameters for each of w values of the hyper-parameters.
 
-        ``free``, shape (w, h), holds the h hyper-parameters in unbounded coordinates (mostly
-        ln(value − lower bound)). For given hyper-parameters, the parameters have a Gaussian
-        density. If negative compliances are allowed, its moments are returned, and ``along_axes``
-        is not used. If they are not allowed, the density is restricted by the condition that no
-        compliance is negative. In coordinates in which the Gaussian is N(0, I), the condition
-        affects only d directions. ``along_axes`` is a function that returns the mean, shape (w, d),
-        and the covariance, shape (w, d, d), of the coordinates along these directions under the
-        condition.
+        ``free``, shape (w, h), holds the h hyper-parameters in free coordinates. For given
+        hyper-parameters, the parameters have a Gaussian density. If negative compliances are
+        allowed, its moments are returned, and ``along_axes`` is not used. If they are not allowed,
+        the density is restricted by the condition that no compliance is negative. In coordinates in
+        which the Gaussian is N(0, I), the condition affects only d directions. ``along_axes`` is a
+        function that returns the mean, shape (w, d), and the covariance, shape (w, d, d), of the
+        coordinates along these directions under the condition.
         """
         means = []
         variances = []

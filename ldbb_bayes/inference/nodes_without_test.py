@@ -90,8 +90,6 @@ def fit_factor(integral: Integral, axis: int) -> GaussianFactor:
 class NodesWithoutTest:
     """Nodes of one model for a campaign without one of its tests.
 
-    Nodes are weighted values of the hyper-parameters (such as the standard deviation of the noise).
-
     Parameters
     ----------
     nodes : Nodes
@@ -103,8 +101,8 @@ class NodesWithoutTest:
     def __init__(self, nodes: Nodes, tolerance: float) -> None:
         """Store the nodes for the campaign with all its tests, and the error tolerance [nat].
 
-        Nodes are weighted values of the hyper-parameters. ``tolerance`` is the largest error that
-        is allowed in the log evidence of a campaign without one test.
+        ``tolerance`` is the largest error that is allowed in the log evidence of a campaign without
+        one test.
         """
         self._integral = nodes.integral
         self._ratios = RatioSampler(nodes.integral)
@@ -114,9 +112,8 @@ class NodesWithoutTest:
     def nodes(self, posterior: HyperPosterior, test: str) -> Nodes | None:
         """Return the nodes for the campaign without one test, or None if their error is too large.
 
-        Nodes are weighted values of the hyper-parameters. ``test`` is the name of the test left
-        out. ``posterior`` is the posterior density of the hyper-parameters, given the readings of
-        the other tests.
+        ``test`` is the name of the test left out. ``posterior`` is the posterior density of the
+        hyper-parameters, given the readings of the other tests.
         """
         noise_factor = f"lambda_{test}"
         if noise_factor in self._prior.names:
@@ -133,18 +130,18 @@ class NodesWithoutTest:
     def _nodes_with_noise_factor(self, posterior: HyperPosterior, axis: int) -> Nodes | None:
         """Return the nodes without one test, for a model with a factor on the noise of this test.
 
-        Nodes are weighted values of the hyper-parameters. One of the hyper-parameters, with the
-        index ``axis``, is the factor on the noise of the test that is left out. ``posterior`` is
-        the posterior density of the hyper-parameters without the readings of the test. The result
-        is None if the error of the log evidence from the nodes exceeds the tolerance.
+        One of the hyper-parameters, with the index ``axis``, is the factor on the noise of the test
+        that is left out. ``posterior`` is the posterior density of the hyper-parameters without the
+        readings of the test. The result is None if the error of the log evidence from the nodes
+        exceeds the tolerance.
         """
         factor = fit_factor(self._integral, axis)
 
         def evaluate(index: Index) -> LogValues:
-            # Return the log density at the nodes (values of the hyper-parameters) with the indices
-            # ``index``. One test is left out; its noise factor is a hyper-parameter that multiplies
-            # the noise of its circle. The density is the posterior density without the test, in
-            # which the prior of this noise factor is replaced by the Gaussian density ``factor``.
+            # Return the log density at the nodes with the indices ``index``. One test is left out;
+            # its noise factor is a hyper-parameter that multiplies the noise of its circle. The
+            # density is the posterior density without the test, in which the prior of this noise
+            # factor is replaced by the Gaussian density ``factor``.
             free = self._integral.free[index]
             values = log_density_with_error(posterior, free, self._tolerance)
             change = factor.log_density(free) - self._prior.log_density_of_log_noise(free[:, axis])
@@ -162,8 +159,8 @@ class NodesWithoutTest:
         A noise factor is a hyper-parameter that multiplies the noise of one test's circle. In
         ``integral``, the Gaussian density ``factor`` was used instead of the prior of this noise
         factor. In the result, the density contains the prior, and the values of the noise factor at
-        the nodes (values of the hyper-parameters) are drawn at random from the prior. The weights
-        of the nodes and the value of the integral therefore stay the same.
+        the nodes are drawn at random from the prior. The weights of the nodes and the value of the
+        integral therefore stay the same.
         """
         rng = np.random.default_rng(_SEED)
         log_noise = np.log(self._prior.draw_noise_factor(len(integral.free), rng))

@@ -39,10 +39,9 @@ _LARGEST_GIVEN_ERROR = 0.2
 class RelatedModels:
     """Nodes of models that have the same hyper-parameters as a given model.
 
-    Nodes are weighted values of the hyper-parameters φ (such as the standard deviation of the
-    noise) that represent their posterior. All models use the same values of φ, but each model has
-    its own weights. The weights are proportional to p(y | φ) p(φ) under the model, where y are the
-    readings.
+    Nodes are weighted values of the hyper-parameters φ that represent their posterior. All models
+    use the same values of φ, but each model has its own weights. The weights are proportional to
+    p(y | φ) p(φ) under the model, where y are the readings.
 
     Parameters
     ----------
@@ -57,10 +56,9 @@ class RelatedModels:
     def __init__(self, untruncated: Nodes, tolerance: float) -> None:
         """Keep what is needed to use the nodes of the given model for other models.
 
-        Nodes are weighted values of the hyper-parameters. ``untruncated`` are the nodes of the
-        given model, which must allow negative compliances. They are kept with a sampler of density
-        ratios at these nodes, and the names of the hyper-parameters. ``tolerance`` is the error
-        allowed in every log evidence [nat].
+        ``untruncated`` are the nodes of the given model, which must allow negative compliances.
+        They are kept with a sampler of density ratios at these nodes, and the names of the
+        hyper-parameters. ``tolerance`` is the error allowed in every log evidence [nat].
         """
         self._untruncated = untruncated
         self._ratios = RatioSampler(untruncated.integral)
@@ -77,7 +75,7 @@ class RelatedModels:
         return copied
 
     def nodes(self, posterior: HyperPosterior) -> Nodes:
-        """Return nodes (weighted values of the hyper-parameters) that represent a posterior.
+        """Return nodes that represent a posterior.
 
         This object holds nodes of a given model; ``posterior`` is the posterior density under
         another model. The nodes of the given model are used again, with new weights. If possible,
@@ -150,10 +148,9 @@ class RelatedModels:
     ) -> Nodes | None:
         """Return nodes of an earlier model, with new weights for the posterior of another model.
 
-        Nodes are weighted values of the hyper-parameters. ``posterior`` is the posterior density of
-        the hyper-parameters under the other model. It is evaluated at some of the nodes with which
-        ``ratios`` was made. The result is None if the error of the log evidence would exceed
-        ``tolerance`` [nat], by default that of this object.
+        ``posterior`` is the posterior density of the hyper-parameters under the other model. It is
+        evaluated at some of the nodes with which ``ratios`` was made. The result is None if the
+        error of the log evidence would exceed ``tolerance`` [nat], by default that of this object.
         """
         allowed = self._tolerance if tolerance is None else tolerance
 
@@ -168,9 +165,8 @@ class RelatedModels:
     def _nodes_from_all_values(self, posterior: HyperPosterior) -> Nodes:
         """Return the nodes of the given model, with new weights for the posterior of another model.
 
-        Nodes are weighted values of the hyper-parameters. ``posterior`` is the posterior density of
-        the hyper-parameters under the other model. It is evaluated at every node; the new weights
-        are computed from its values.
+        ``posterior`` is the posterior density of the hyper-parameters under the other model. It is
+        evaluated at every node; the new weights are computed from its values.
         """
         integral = self._untruncated.integral
         untruncated = replace(
