@@ -33,9 +33,9 @@ from .errors import InputError as InputError
 from .inference.density import log_density as log_density
 from .inference.evidence import log_evidence as log_evidence
 from .inference.least_squares import fit_least_squares as fit_least_squares
-from .inference.posterior import load as load
-from .inference.posterior import save as save
 from .inference.posterior import to_units as to_units
+from .inference.posterior_file import load as load
+from .inference.posterior_file import save as save
 from .inference.prediction import predict as predict
 from .inference.sample import sample as sample
 from .inference.summary import summarize as summarize

@@ -1,4 +1,4 @@
-"""Functions that build, save and load a posterior, and that return its contents.
+"""Posteriors: how they are built, and functions that return their contents.
 
 A posterior is an xarray DataTree in ArviZ's layout. Its contents are, for example, the campaign,
 the model and the random draws.
@@ -6,17 +6,10 @@ the model and the random draws.
 
 from __future__ import annotations
 
-import gc
-import hashlib
 import json
-import os
-import sys
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,7 +18,6 @@ from pydantic import ValidationError
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.errors import InputError, require
-from ldbb_bayes.files import write_whole
 from ldbb_bayes.inference.coefficients import ModelDraws, evenly_spaced
 from ldbb_bayes.inference.elastic_deflections import ElasticDraws, compliance_curves, elastic_draws
 from ldbb_bayes.inference.fit import Fit
@@ -44,18 +36,12 @@ __all__ = [
     "draws_of",
     "elastic_draws_of",
     "fit_of",
-    "load",
     "model_draws_of",
     "model_of",
     "record_of",
-    "save",
     "to_units",
 ]
 
-# First bytes of a netCDF file of version 4, which is an HDF5 file.
-_HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-# Names of the groups of arrays that a netCDF file must contain to be read as a posterior.
-_GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
 # Dimensions of the arrays in a posterior (an xarray DataTree), except for arrays of random draws.
 # The keys are the names of the arrays. The dimension ``test`` has one entry for each test, and
 # ``reading`` one entry for each reading of all tests.
@@ -88,10 +74,6 @@ _ARRAY_FIELDS = ("angle_deg", "reading_um", "angle_rad", "reading_mm")
 # ``foreseen`` of a campaign) when a campaign is rebuilt from the record in a posterior. The record
 # does not hold the true angles of these tests.
 _ANY_CIRCLE_DEG = np.arange(0.0, 360.0, 10.0)
-# Largest size of a posterior's arrays after decompression: ``_LARGEST_EXPANSION`` times the size of
-# the file plus ``_SMALL_FILE_BYTES``. A file with larger arrays counts as damaged.
-_LARGEST_EXPANSION = 20
-_SMALL_FILE_BYTES = 2**20
 # Number of the present edition of the default model. The number is increased whenever the terms or
 # priors of the default model change. The record of a posterior states the edition with which it was
 # computed; draws from another edition are refused. The presets ``first`` and ``paper`` are the same
@@ -104,8 +86,6 @@ MODEL_EDITION = 3
 _CAMPAIGNS: dict[tuple[str | bytes, ...], Campaign] = {}
 # Largest number of campaigns in the cache of campaigns from which posteriors were computed.
 _KEPT_CAMPAIGNS = 8
-# If a file cannot be read, at most this many characters of the library's error message are quoted.
-_LONGEST_REASON = 120
 
 
 def build_tree(
@@ -137,218 +117,6 @@ def build_tree(
     if "constant_data" in groups and len(bound.test_names) == len(bound.campaign.tests):
         _keep_campaign(_campaign_key(tree), bound.campaign)
     return tree
-
-
-def save(posterior: xr.DataTree, path: str | os.PathLike[str]) -> Path:
-    """Write a posterior to one netCDF file (h5netcdf).
-
-    If an error occurs, no file is written, and an existing file of this name is not changed.
-
-    Parameters
-    ----------
-    posterior : DataTree
-        Posterior from `sample`, `load` or `average`.
-    path : str or os.PathLike
-        Name of the file to write; a file of this name is replaced.
-
-    Returns
-    -------
-    Path
-        Name of the file.
-
-    Raises
-    ------
-    InputError
-        For a file that cannot be written, or a posterior from `to_units`.
-
-    Examples
-    --------
-    >>> path = lb.save(posterior, "posterior.nc")
-    >>> path.name
-    'posterior.nc'
-    >>> path.stat().st_size > 100_000  # bytes
-    True
-    """
-    target = Path(path)
-    # Raise an error if the posterior has no record (the JSON text that states how the posterior was
-    # made).
-    record_of(posterior)
-    tree = posterior.copy()
-    tree["provenance"].attrs["sha256"] = _digest(tree)
-    with _no_lock_of_dask():
-        # Make the file in memory first, because the HDF5 library can crash on a full disk.
-        content = bytes(tree.to_netcdf(engine="h5netcdf"))
-    write_whole(target, content)
-    return target
-
-
-def _no_lock_of_dask() -> AbstractContextManager[Any]:
-    """Return a context in which xarray does not ask a cluster of Dask workers for a file lock.
-
-    No lock is needed, because the file is first written to the memory of this process.
-    """
-    try:
-        import dask.config  # The library Dask need not be installed.
-    except ImportError:
-        return nullcontext()
-    return dask.config.set(scheduler="synchronous")
-
-
-def load(path: str | os.PathLike[str]) -> xr.DataTree:
-    """Read a posterior that `save` wrote.
-
-    Parameters
-    ----------
-    path : str or os.PathLike
-        Name of the file, or of a folder that contains ``posterior.nc``.
-
-    Returns
-    -------
-    DataTree
-        Posterior as `sample` returned it, in mm, N and rad.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, damaged, or not written by this version of the package, or if it
-        holds a fit of another edition of the default model. The digest shows whether a file is
-        damaged.
-
-    Examples
-    --------
-    >>> path = lb.save(posterior, "posterior.nc")
-    >>> loaded = lb.load(path)
-    >>> loaded["posterior"].equals(posterior["posterior"])
-    True
-    """
-    require(
-        isinstance(path, str | os.PathLike),
-        f"path must be the name of a file, got {path!r}. Give for example 'posterior.nc'.",
-    )
-    source = Path(path)
-    if source.is_dir():
-        source = source / "posterior.nc"
-    if not source.is_file():
-        raise InputError(
-            f"result must be a folder with posterior.nc or such a file, got {path}. Give the --out"
-            " folder of a fit."
-        )
-    with source.open("rb") as file:
-        is_netcdf = file.read(len(_HDF5_SIGNATURE)) == _HDF5_SIGNATURE
-    if not is_netcdf and source.name != "posterior.nc":
-        raise InputError(
-            f"result must be a folder with posterior.nc or such a file, got {source}, which is of"
-            " another kind. Give the --out folder of a fit."
-        )
-    tree = _read_tree(source)
-    missing = [group for group in _GROUPS if group not in tree.children]
-    if missing or "json" not in tree["provenance"].attrs:
-        lacking = ", ".join(missing) or "provenance"
-        raise InputError(
-            f"{source} must be a posterior written by ldbb-bayes, got a file without {lacking}. Fit"
-            " again."
-        )
-    if tree["provenance"].attrs.pop("sha256", "") != _digest(tree):
-        raise InputError(
-            f"{source} must be as ldbb-bayes wrote it, got numbers that are not those of its"
-            " digest. Fit again."
-        )
-    _require_edition(tree, source)
-    fit_of(tree)
-    return tree
-
-
-def _require_edition(tree: xr.DataTree, source: Path) -> None:
-    """Raise an `InputError` if a fit was made with another edition of the default model.
-
-    The number of the edition is increased whenever the default model changes. All results of a
-    posterior are computed with the present edition, and would be wrong if the draws came from
-    another edition. ``tree`` is the posterior of the fit, and ``source`` the name of its file for
-    the message.
-    """
-    record = record_of(tree)
-    edition = record.get("model_edition", "an earlier one")
-    require(
-        record["model"]["preset"] != "default" or edition == MODEL_EDITION,
-        f"{source} must be a fit of edition {MODEL_EDITION} of the default model, got {edition}."
-        " Fit again.",
-    )
-
-
-def _read_tree(source: Path) -> xr.DataTree:
-    """Return the tree of arrays in the netCDF file ``source``.
-
-    Raise an `InputError` if the file cannot be read.
-    """
-    with _silent_finalizers(), warnings.catch_warnings(action="ignore"):
-        try:
-            with xr.open_datatree(source, engine="h5netcdf") as tree:
-                size = source.stat().st_size
-                promised = sum(node.nbytes for node in tree.subtree)
-                if promised > _LARGEST_EXPANSION * size + _SMALL_FILE_BYTES:
-                    raise ValueError(
-                        f"it promises {promised / 2**20:.0f} MB in {size / 2**20:.2f} MB"
-                    )
-                return tree.load()
-        # Libraries may raise exceptions of any class if they read a damaged file.
-        except Exception as error:  # noqa: BLE001
-            reason = " ".join(str(error).split())[:_LONGEST_REASON]
-        # Deleting the library's object for a damaged file causes error messages. Delete it now,
-        # while such messages are suppressed.
-        gc.collect()
-    raise InputError(
-        f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({reason}). Fit"
-        " again."
-    )
-
-
-@contextmanager
-def _silent_finalizers() -> Iterator[None]:
-    """Suppress messages about errors that arise while Python deletes objects.
-
-    If a damaged file cannot be opened, the library's object for the file is only partly
-    initialised. An error arises when Python deletes this object; Python cannot raise it and only
-    prints a message. Such messages are suppressed while the ``with`` block of this context manager
-    runs.
-    """
-    hook = sys.unraisablehook
-    sys.unraisablehook = _ignore_unraisable
-    try:
-        yield
-    finally:
-        sys.unraisablehook = hook
-
-
-def _ignore_unraisable(_: sys.UnraisableHookArgs) -> None:
-    """Do nothing when an exception arises that Python cannot raise and would only print.
-
-    Such exceptions arise, for example, while Python deletes an object.
-    """
-
-
-def _digest(tree: xr.DataTree) -> str:
-    """Return the SHA-256 checksum that shows whether the file of a posterior was changed.
-
-    The checksum is computed from all numbers, names and units in the posterior, and from its JSON
-    record of how the posterior was made.
-    """
-    digest = hashlib.sha256(str(tree["provenance"].attrs["json"]).encode())
-    for node in sorted(tree.subtree, key=_path_of):
-        for name in sorted(map(str, node.variables)):
-            variable = node[name]
-            values = np.asarray(variable.values)
-            head = f"{node.path}/{name} {values.shape} {variable.attrs.get('unit', '')}"
-            digest.update(head.encode())
-            if values.dtype.kind in "fiub":
-                digest.update(np.ascontiguousarray(values).tobytes())
-            else:
-                digest.update(str(values.tolist()).encode())
-    return digest.hexdigest()
-
-
-def _path_of(node: xr.DataTree) -> str:
-    """Return the path of a group of arrays within its DataTree. It is used to sort groups."""
-    return node.path
 
 
 def campaign_record(campaign: Campaign) -> dict[str, Any]:
