@@ -32,11 +32,13 @@ from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.inference.coefficients import ModelDraws
 from ldbb_bayes.inference.evidence import log_prob_truncation, probabilities, require_models
 from ldbb_bayes.inference.evidences import Evidences
-from ldbb_bayes.inference.fit import Concern, ConcernKind, assess_fit
+from ldbb_bayes.inference.fit import Concern, ConcernKind
+from ldbb_bayes.inference.fit_assessment import assess_fit
 from ldbb_bayes.inference.mcmc import StoppingRule, assess
 from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
 from ldbb_bayes.inference.posterior import build_tree
 from ldbb_bayes.inference.record import densities_of, groups_of, prior_draws_of, record_from
+from ldbb_bayes.inference.truncation_factor import ProbabilityInside
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array
@@ -390,7 +392,7 @@ def _describe_sampler(
     }
 
 
-def _truncation_of_most_probable(weighted: _WeightedModels) -> tuple[float, float]:
+def _truncation_of_most_probable(weighted: _WeightedModels) -> ProbabilityInside:
     """Return the log probability that no compliance is negative, and its numerical error [nat].
 
     It is the probability under the posterior of the most probable model in which compliances may be

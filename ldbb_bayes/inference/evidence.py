@@ -18,6 +18,7 @@ from ldbb_bayes.errors import require
 from ldbb_bayes.inference.evidence_value import Evidence
 from ldbb_bayes.inference.integrals import LARGEST_PARETO_K
 from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
+from ldbb_bayes.inference.truncation_factor import ProbabilityInside
 from ldbb_bayes.model.hybrid import HybridModel, require_model
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array
@@ -201,7 +202,7 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
     return evidence.log_value - other.log_value, evidence.error + other.error
 
 
-def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> tuple[float, float]:
+def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> ProbabilityInside:
     """Return ln P and its error [nat]; P is the probability that no compliance is negative.
 
     P is the probability under the posterior that allows negative compliances. It is first computed
@@ -221,7 +222,7 @@ def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> t
     if truncated.without_truncation.weighted_sample.trusted:
         coarse = truncated.coarse_probability
         if coarse.error <= tolerance and coarse.log_value > _LEAST_COARSE_LOG_PROBABILITY:
-            return min(coarse.log_value, 0.0), coarse.error
+            return ProbabilityInside(min(coarse.log_value, 0.0), coarse.error)
     untruncated = truncated.without_truncation.nodes(tolerance)
     inside = truncated.nodes(tolerance)
     error = inside.error + untruncated.error
@@ -232,7 +233,7 @@ def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> t
         f" {error:.2g}: readings out of reach of double precision. Check their sign, the mount"
         " compensation and the forces.",
     )
-    return min(log_value, 0.0), error
+    return ProbabilityInside(min(log_value, 0.0), error)
 
 
 def probabilities(log_evidence: Array) -> Array:

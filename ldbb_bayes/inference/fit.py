@@ -1,4 +1,4 @@
-"""Measures of how well a model fits the readings, and warnings about the results of the fit.
+"""How well a model fits the readings, and the warnings that a fit gives: the result.
 
 The warnings should be considered before the results are used. A warning states, for example, that
 the readings contradict the condition that no compliance is negative.
@@ -6,39 +6,20 @@ the readings contradict the condition that no compliance is negative.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
 
-from ldbb_bayes.campaign.unlikely_spans import unlikely_spans
-from ldbb_bayes.inference.centre_shift import SHIFTED, centre_shift
 from ldbb_bayes.inference.checks import (
     Check,
     CheckKind,
     TestChecks,
     all_checks,
-    average_checks,
-    check_predictions,
     failing_checks,
 )
-from ldbb_bayes.inference.coefficients import (
-    ModelDraws,
-    mean_shared_coefficients,
-    pool_draws,
-)
-from ldbb_bayes.inference.contradicted_certificates import (
-    LEAST_RATIO_OF_STATED_BALLS,
-    log_ratio_of_stated_balls,
-)
-from ldbb_bayes.inference.diagnostics import power_sensitivity
-from ldbb_bayes.inference.distant_zero import distant_zeros
-from ldbb_bayes.inference.effects_of_failures import effects_of_failures
-from ldbb_bayes.inference.residuals import FitQuality, quality_of
-from ldbb_bayes.model.hybrid import BoundModel
-from ldbb_bayes.results import Array, Finite, Result
+from ldbb_bayes.results import Finite, Result
 from ldbb_bayes.units import ranked
 
 __all__ = [
@@ -46,9 +27,6 @@ __all__ = [
     "ConcernKind",
     "Fit",
     "State",
-    "assess_fit",
-    "contradicted_priors",
-    "limits_of_compliances_near_zero",
 ]
 
 # Power-scaling sensitivity above which the posterior of a parameter counts as sensitive to the
@@ -61,34 +39,6 @@ _LARGEST_SHIFT = 0.5
 # If a test fails the posterior predictive check of its noise, this matters only if the noise found
 # in the readings would widen any parameter's credible interval by more than this fraction.
 _LARGEST_WIDENING = 0.1
-# Number of posterior draws from which two measures of how well the model fits each test are
-# computed: the root-mean-square residual, and the fitness (100 % minus this residual in per cent of
-# the range of the readings); see `FitQuality`.
-_QUALITY_DRAWS = 1000
-# Number of posterior draws from which the posterior predictive checks are computed.
-_CHECKED_DRAWS = 500
-# About the number of posterior draws from which it is checked whether the readings contradict the
-# stated form of the balls.
-_VALUES_FOR_BALLS = 128
-# If the log posterior probability that no compliance is negative is below this limit, the readings
-# contradict the condition that no compliance is negative.
-_IMPROBABLE = float(np.log(1e-3))
-# A warning is given if the posterior median of a hyper-parameter (scale of the noise or of another
-# effect) is above the quantile of its prior at this probability.
-_EXPECTED_HYPER = 0.999
-# A fit warns if the distance between the posterior mean of a parameter and the prior mean that the
-# user stated exceeds this limit. The unit of the limit is the standard deviation that the distance
-# has if the prior is right.
-_LARGEST_PRIOR_DISTANCE = 3.0
-# A compliance that cannot be negative may be zero if its posterior mean is at most ``_EXPANSION``
-# standard deviations (the expanded uncertainty U, k = 2). The fit then states the value below which
-# the compliance lies with the probability ``_PROBABILITY_OF_UPPER``.
-_EXPANSION = 2.0
-_PROBABILITY_OF_UPPER = 0.95
-# The distance between the prior mean and the posterior mean of a parameter is divided by the
-# standard deviation that this distance has if the prior is right. To avoid a division by zero, the
-# variance of the distance is taken to be at least this fraction of the prior variance.
-_SMALLEST_VARIANCE_SHARE = 0.05
 
 
 class State(StrEnum):
@@ -117,8 +67,8 @@ class ConcernKind(StrEnum):
     NEAR_ZERO = "near-zero"
 
 
-# Kinds of warnings that make the results of a fit doubtful.
-_DOUBTFUL_KINDS = frozenset({ConcernKind.TRUNCATION, ConcernKind.UNIT, ConcernKind.BALLS})
+# Kinds of warnings by which the readings contradict the model.
+_CONTRADICTING_KINDS = frozenset({ConcernKind.TRUNCATION, ConcernKind.BALLS})
 
 
 @dataclass(frozen=True)
@@ -245,18 +195,12 @@ class Fit(Result):
     def contradicts_model(self) -> bool:
         """Whether the readings contradict the model, so that its results cannot be used."""
         kinds = {concern.kind for concern in self.concerns}
-        forbidding = {ConcernKind.TRUNCATION, ConcernKind.BALLS}
-        return bool(self.misfits) or bool(kinds & forbidding)
+        return bool(self.misfits) or bool(kinds & _CONTRADICTING_KINDS)
 
     @property
     def is_usable(self) -> bool:
-        """Whether the results can be used at all, with reservations or without.
-
-        They cannot if the draws have not converged, if the unit of the readings is in doubt, or if
-        the readings contradict the model.
-        """
-        unit_is_doubted = bool(self.names_of_concerns(ConcernKind.UNIT))
-        return not (self.state == State.UNUSABLE or unit_is_doubted or self.contradicts_model)
+        """Whether the results can be used: whether `state` is neither doubtful nor unusable."""
+        return self.state == State.USABLE
 
     def names_of_concerns(self, kind: ConcernKind) -> tuple[str, ...]:
         """Return the names in all warnings of one kind that the fit gives.
@@ -297,7 +241,7 @@ class Fit(Result):
         kinds = {concern.kind for concern in self.concerns}
         if ConcernKind.NOT_CONVERGED in kinds:
             return State.UNUSABLE
-        if self.misfits or kinds & _DOUBTFUL_KINDS:
+        if self.contradicts_model or ConcernKind.UNIT in kinds:
             return State.DOUBTFUL
         return State.USABLE
 
@@ -328,286 +272,3 @@ class Fit(Result):
         Hyper-parameters (such as the standard deviation of the noise) are not among them.
         """
         return tuple(name for name in self.sensitivity if name.startswith(("C_", "E_")))
-
-
-def assess_fit(
-    bound: BoundModel,
-    draws_by_model: Sequence[ModelDraws],
-    groups: Mapping[str, Mapping[str, Array]],
-    truncation: tuple[float, float],
-    concerns: Sequence[Concern],
-    rng: np.random.Generator,
-    prior_level: Array | float = 0.0,
-) -> Fit:
-    """Return how well one model, or an average of several models, fits.
-
-    Parameters
-    ----------
-    bound : BoundModel
-        Model of the campaign with the parameters of all averaged models.
-    draws_by_model : sequence of ModelDraws
-        The posterior draws in ``groups``, separately for each model.
-    groups : mapping
-        Groups ``posterior``, ``log_prior`` and ``sample_stats`` of the posterior, with arrays of
-        shape (chains, draws). The first key is the name of the group, the second key the name of
-        the array.
-    truncation : pair
-        Log posterior probability that no compliance is negative, and the error of this logarithm
-        [nat].
-    concerns : sequence of Concern
-        Warnings from the sampler.
-    rng : Generator
-        Generator of the random draws of new circles.
-    prior_level : float or array
-        Expected value, under the prior, of the log prior density of the parameters. It is
-        subtracted from the log prior density. Otherwise, different expected values of the models in
-        an average would be mistaken for sensitivity to the prior. For an average, give an array,
-        shape (chains, draws), with the expected value for the model of each draw. For a single
-        model, any number may be given, because a constant does not change the sensitivity.
-
-    Returns
-    -------
-    Fit
-        Quality of the fit, checks and warnings.
-    """
-    sizes = np.array([len(draws.phi) for draws in draws_by_model])
-    shares = sizes / sizes.sum()
-    quality = _average_quality(bound, draws_by_model, shares)
-    checks = _average_checks(draws_by_model, shares, rng)
-    posterior = groups["posterior"]
-    beta, phi = pool_draws(
-        _stack(posterior, bound.names), _stack(posterior, bound.hyper_prior.names)
-    )
-    log_prob_truncation, log_prob_truncation_error = truncation
-    linearisation_error_mm = bound.largest_linearisation_error_mm(beta.mean(axis=0))
-    posterior_concerns = _check_posterior(bound, phi, beta, log_prob_truncation)
-    shift, widening = effects_of_failures(bound, phi.mean(axis=0), checks)
-    return Fit(
-        rmse_um=quality.rmse_um,
-        fitness_percent=quality.fitness_percent,
-        log_prob_truncation=log_prob_truncation,
-        log_prob_truncation_error=log_prob_truncation_error,
-        log_prob_truncation_prior=bound.log_prob_truncation_prior,
-        linearisation_error_um=linearisation_error_mm * 1e3,
-        concerns=(*concerns, *posterior_concerns),
-        predictive_checks=checks,
-        sensitivity=power_sensitivity(posterior, _log_densities(bound, groups, prior_level)),
-        shift=shift,
-        widening=widening,
-    )
-
-
-def _average_quality(
-    bound: BoundModel, draws_by_model: Sequence[ModelDraws], shares: Array
-) -> FitQuality:
-    """Return how well a prediction that is averaged over several models agrees with the readings.
-
-    The result holds the root-mean-square residual and the fitness of the averaged prediction.
-
-    ``draws_by_model`` holds the posterior draws of each model. The readings that these draws
-    predict are averaged over the draws of each model, then over the models, with the weights
-    ``shares``, which sum to one. ``bound`` is the model that has the parameters of all models.
-    """
-    predictions = []
-    for share, draws in zip(shares, draws_by_model, strict=True):
-        thinned = draws.thinned(int(np.ceil(share * _QUALITY_DRAWS)))
-        predictions.append(mean_shared_coefficients(thinned.bound, thinned.phi, thinned.beta))
-    return quality_of(bound, np.tensordot(shares, predictions, axes=1))
-
-
-def _average_checks(
-    draws_by_model: Sequence[ModelDraws], shares: Array, rng: np.random.Generator
-) -> dict[str, TestChecks]:
-    """Return the posterior predictive p-values of each test, averaged over several models.
-
-    ``draws_by_model`` holds the posterior draws of each model, from which its p-values are
-    computed. In the average, the models have the weights ``shares``, which sum to one. The keys of
-    the result are the names of the tests. ``rng`` generates the random draws of new circles.
-    """
-    checks = []
-    for share, draws in zip(shares, draws_by_model, strict=True):
-        thinned = draws.thinned(int(np.ceil(share * _CHECKED_DRAWS)))
-        checks.append(check_predictions(thinned.bound, thinned.phi, thinned.beta, rng))
-    return average_checks(shares, checks)
-
-
-def _stack(group: Mapping[str, Array], names: Sequence[str]) -> Array:
-    """Return draws of the named variables in one array, shape (chains, draws, variables).
-
-    ``group`` is a dict with the names of the variables as keys and the draws of each variable,
-    shape (chains, draws), as values.
-    """
-    return np.stack([group[str(name)] for name in names], axis=-1)
-
-
-def _log_densities(
-    bound: BoundModel, groups: Mapping[str, Mapping[str, Array]], prior_level: Array | float
-) -> dict[str, Array]:
-    """Return the log densities of priors and likelihood at every posterior draw.
-
-    The log densities are used to examine how sensitive the posterior is to the priors and to the
-    readings. The result is a dict of three arrays of shape (chains, draws):
-
-    - ``prior``: the log prior density of the parameters minus ``prior_level``; see `assess_fit`;
-    - ``hyper_prior``: the log prior density of the hyper-parameters (such as the standard deviation
-      of the noise);
-    - ``likelihood``: the log density of the readings given parameters and hyper-parameters.
-
-    ``groups`` holds the arrays of the posterior; see `assess_fit`. ``bound`` is the model of the
-    campaign.
-    """
-    phi = _stack(groups["posterior"], bound.hyper_prior.names)
-    log_prior = groups["log_prior"]["parameters"]
-    log_hyper_prior = groups["log_prior"]["hyper"]
-    free = bound.hyper_prior.free(phi)
-    log_jacobian = bound.hyper_prior.log_density_of_free(free) - log_hyper_prior
-    log_posterior = groups["sample_stats"]["lp"]
-    return {
-        "prior": log_prior - prior_level,
-        "hyper_prior": log_hyper_prior,
-        "likelihood": log_posterior - log_prior - log_hyper_prior - log_jacobian,
-    }
-
-
-def _check_posterior(
-    bound: BoundModel, phi: Array, beta: Array, log_prob_truncation: float
-) -> Iterator[Concern]:
-    """Check a posterior against the assumptions of its model, and yield warnings.
-
-    There is a warning for each assumption that the posterior contradicts, and a warning if there
-    are too few different forces to check an assumption. `Concern` describes the kinds of warnings:
-    TRUNCATION, FORCES, HYPER, PRIOR, ZERO, UNIT, BALLS, CENTRE and NEAR_ZERO.
-
-    Parameters
-    ----------
-    bound
-        Model applied to the campaign.
-    phi
-        The n posterior draws of the h hyper-parameters, shape (n, h); those that are lengths are in
-        mm.
-    beta
-        The n posterior draws of the p parameters, shape (n, p), in internal units (mm, N, rad).
-    log_prob_truncation
-        Log posterior probability that no compliance is negative.
-    """
-    if log_prob_truncation < _IMPROBABLE:
-        yield Concern(ConcernKind.TRUNCATION, log_prob_truncation, _IMPROBABLE)
-    levels = bound.campaign.force_levels
-    needed = bound.model.degree + 2
-    if levels < needed:
-        yield Concern(ConcernKind.FORCES, levels, needed)
-    yield from contradicted_priors(bound, phi, beta)
-    for axis, p in centre_shift(bound, beta.mean(axis=0)).items():
-        yield Concern(ConcernKind.CENTRE, p, SHIFTED, axis)
-    yield from _compliances_near_zero(bound, beta)
-
-
-def contradicted_priors(bound: BoundModel, phi: Array, beta: Array) -> Iterator[Concern]:
-    """Yield a warning for everything known beforehand that the readings contradict.
-
-    `Concern` describes the kinds of these warnings: HYPER, PRIOR, ZERO, UNIT and BALLS.
-
-    Parameters
-    ----------
-    bound : BoundModel
-        Model applied to the campaign.
-    phi : array
-        The n posterior draws of the h hyper-parameters, shape (n, h); those that are lengths are in
-        mm.
-    beta : array
-        The n posterior draws of the p parameters, shape (n, p), in internal units (mm, N, rad).
-
-    Yields
-    ------
-    Concern
-    """
-    yield from _large_hyper_parameters(bound, phi)
-    yield from _distant_means(bound, beta)
-    for zero in distant_zeros(bound, phi, beta):
-        yield Concern(ConcernKind.ZERO, zero.distance_mm, zero.expected_mm, zero.name)
-    for span in unlikely_spans(bound.campaign):
-        yield Concern(ConcernKind.UNIT, span.span_um * 1e-3, span.limit_um * 1e-3, span.test)
-    some = phi[:: max(1, len(phi) // _VALUES_FOR_BALLS)]
-    log_ratio = log_ratio_of_stated_balls(bound, np.ones(len(some)), some)
-    if log_ratio < LEAST_RATIO_OF_STATED_BALLS:
-        yield Concern(ConcernKind.BALLS, log_ratio, LEAST_RATIO_OF_STATED_BALLS)
-
-
-def _large_hyper_parameters(bound: BoundModel, phi: Array) -> Iterator[Concern]:
-    """Yield a warning for each hyper-parameter with a median above the 99.9 % prior quantile.
-
-    Only hyper-parameters (such as the standard deviation of the noise) that are lengths are
-    examined. ``phi``, shape (n, h), holds n posterior draws of all h hyper-parameters; those that
-    are lengths are in mm. ``bound`` is the model of the campaign.
-    """
-    prior = bound.hyper_prior
-    limits = prior.quantile(np.full(phi.shape[1], _EXPECTED_HYPER))
-    medians = np.median(phi, axis=0)
-    for name, median, limit, is_length in zip(
-        prior.names, medians, limits, prior.in_mm, strict=True
-    ):
-        if is_length and median > limit:
-            yield Concern(ConcernKind.HYPER, float(median), float(limit), str(name))
-
-
-def _distant_means(bound: BoundModel, beta: Array) -> Iterator[Concern]:
-    """Yield a warning for each parameter whose posterior mean is too far from its prior mean.
-
-    Only parameters for which the user stated a prior are examined. ``beta``, shape (n, p), holds n
-    posterior draws of the p parameters in internal units (mm, N, rad). ``bound`` is the model
-    of the campaign.
-    """
-    stated = {*bound.model.prior.overrides, *bound.model.prior.means}
-    prior_variance = bound.prior_sd**2
-    # If the prior of a parameter is right, the distance of its posterior mean from its prior mean
-    # is a random draw from a normal distribution about zero. The variance of this distribution is
-    # the prior variance minus the posterior variance.
-    expected_variance = np.maximum(
-        prior_variance - beta.var(axis=0), _SMALLEST_VARIANCE_SHARE * prior_variance
-    )
-    distance = np.abs(beta.mean(axis=0) - bound.prior_mean) / np.sqrt(expected_variance)
-    for name, z in zip(bound.names, distance, strict=True):
-        if z > _LARGEST_PRIOR_DISTANCE and name in stated:
-            yield Concern(ConcernKind.PRIOR, float(z), _LARGEST_PRIOR_DISTANCE, name)
-
-
-def _compliances_near_zero(bound: BoundModel, beta: Array) -> Iterator[Concern]:
-    """Yield a warning for each compliance that cannot be negative and may be zero.
-
-    The warning states the value below which the compliance lies with a probability of 95 %, see
-    `limits_of_compliances_near_zero`.
-    """
-    for name, upper in limits_of_compliances_near_zero(bound, beta).items():
-        j = bound.names.index(name)
-        unit = bound.parameters[j].unit
-        yield Concern(ConcernKind.NEAR_ZERO, float(beta[:, j].mean()), upper, name, unit)
-
-
-def limits_of_compliances_near_zero(bound: BoundModel, beta: Array) -> dict[str, float]:
-    """Return upper limits of the compliances that cannot be negative and may be zero.
-
-    Credible intervals have equal tails. The interval of such a compliance leaves out the values
-    next to zero, where the compliance may well lie. The value below which it lies with a
-    probability of 95 % is then to be stated instead. A compliance may be zero if its posterior mean
-    is at most two standard deviations.
-
-    Parameters
-    ----------
-    bound : BoundModel
-        Model of the campaign.
-    beta : array
-        The n posterior draws of the p parameters, shape (n, p), in internal units (mm, N, rad).
-
-    Returns
-    -------
-    dict
-        The limits in internal units; the keys are the names of the compliances.
-    """
-    is_restricted = (bound.truncation.rows != 0.0).any(axis=0)
-    is_near_zero = beta.mean(axis=0) <= _EXPANSION * beta.std(axis=0)
-    limits = {}
-    for j in np.flatnonzero(is_restricted & is_near_zero):
-        parameter = bound.parameters[j]
-        if parameter.group == "compliance":
-            limits[parameter.name] = float(np.quantile(beta[:, j], _PROBABILITY_OF_UPPER))
-    return limits

@@ -21,7 +21,8 @@ from ldbb_bayes.errors import check_known, check_seed, require
 from ldbb_bayes.inference.coefficients import ModelDraws, pool_draws
 from ldbb_bayes.inference.density import JointDensity, LinearRedraw, starting_points
 from ldbb_bayes.inference.evidence import log_prob_truncation
-from ldbb_bayes.inference.fit import Concern, ConcernKind, Fit, assess_fit
+from ldbb_bayes.inference.fit import Concern, ConcernKind, Fit
+from ldbb_bayes.inference.fit_assessment import assess_fit
 from ldbb_bayes.inference.independent_sampler import TooRoughError, draw_jointly
 from ldbb_bayes.inference.mcmc import EnsembleRun, Progress, StoppingRule, assess, run_ensembles
 from ldbb_bayes.inference.nodes import HyperPosterior

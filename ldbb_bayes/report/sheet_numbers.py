@@ -22,9 +22,9 @@ from ldbb_bayes.analysis.measured_paths import FULL_CIRCLE_DEG, measure_circular
 from ldbb_bayes.analysis.posterior_verdicts import judge_at_force
 from ldbb_bayes.analysis.tilt_levers import largest_lever_mm
 from ldbb_bayes.analysis.usability import Judgement, Use, judge_certificate, undetermined_parameters
-from ldbb_bayes.inference.fit import limits_of_compliances_near_zero
 from ldbb_bayes.inference.force_curves import draws_at
 from ldbb_bayes.inference.posterior import bound_of, fit_of
+from ldbb_bayes.inference.posterior_concerns import limits_of_compliances_near_zero
 from ldbb_bayes.inference.summary import interval_numbers
 from ldbb_bayes.model.setting import geometric_errors_of
 from ldbb_bayes.model.terms import BarLength

@@ -10,8 +10,9 @@ from scipy.special import ndtri
 
 import ldbb_bayes as lb
 from ldbb_bayes.inference.checks import TestChecks
-from ldbb_bayes.inference.fit import Concern, ConcernKind, Fit, State, _compliances_near_zero
+from ldbb_bayes.inference.fit import Concern, ConcernKind, Fit, State
 from ldbb_bayes.inference.posterior import draws_of, fit_of
+from ldbb_bayes.inference.posterior_concerns import _compliances_near_zero
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.report.message_translation import in_language
 from ldbb_bayes.report.wording import check_notes, concern_sentences, fit_verdict

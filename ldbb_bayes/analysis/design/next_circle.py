@@ -62,7 +62,8 @@ from ldbb_bayes.analysis.tolerances import Tolerance
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction, require_campaign
 from ldbb_bayes.errors import check_seed, require
 from ldbb_bayes.inference.evidences import Evidences
-from ldbb_bayes.inference.fit import Concern, contradicted_priors
+from ldbb_bayes.inference.fit import Concern
+from ldbb_bayes.inference.posterior_concerns import contradicted_priors
 from ldbb_bayes.inference.sample import sample
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, require_model
 from ldbb_bayes.parallel import one_blas_thread
