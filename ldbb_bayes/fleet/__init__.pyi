@@ -9,4 +9,4 @@ from .population import Population as Population
 from .population_prior import PopulationPrior as PopulationPrior
 from .population_prior import read_population_prior as read_population_prior
 from .trend import Trend as Trend
-from .trend import find_trend as find_trend
+from .trend_estimation import find_trend as find_trend

@@ -12,13 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ldbb_bayes.inference.checks import (
-    Check,
-    CheckKind,
-    TestChecks,
-    all_checks,
-    failing_checks,
-)
+from ldbb_bayes.inference.checks import Check, CheckKind, TestChecks, all_checks, failing_checks
 from ldbb_bayes.results import Finite, Result
 from ldbb_bayes.units import ranked
 

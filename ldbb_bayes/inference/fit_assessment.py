@@ -6,16 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ldbb_bayes.inference.checks import (
-    TestChecks,
-    average_checks,
-    check_predictions,
-)
-from ldbb_bayes.inference.coefficients import (
-    ModelDraws,
-    mean_shared_coefficients,
-    pool_draws,
-)
+from ldbb_bayes.inference.checks import TestChecks, average_checks, check_predictions
+from ldbb_bayes.inference.coefficients import ModelDraws, mean_shared_coefficients, pool_draws
 from ldbb_bayes.inference.diagnostics import power_sensitivity
 from ldbb_bayes.inference.effects_of_failures import effects_of_failures
 from ldbb_bayes.inference.fit import Concern, Fit
