@@ -30,24 +30,25 @@ def setups_as_run(plan: Campaign) -> tuple[int, ...]:
     before the plan.
     """
     tests_before = _tests_before(plan)
-    numbers_taken = {setup_number(test) for test in tests_before}
+    planned_before = {setup_number(test) for test in tests_before}
     next_free = max(setup_number(test) for test in (*tests_before, *plan.tests)) + 1
-    mounted = last_setup(plan)
-    number = mounted or 1
+    # Set-up in which the bar is mounted: as the plan numbers it, and as it is run.
+    planned_setup = last_setup(plan)
+    run_setup = planned_setup or 1
     if tests_before and _place(tests_before[-1]) == _place(plan.tests[0]):
         # The bar may stay as it is: the plan's first set-up is that of the last circle.
-        mounted = setup_number(plan.tests[0])
-    numbers = []
+        planned_setup = setup_number(plan.tests[0])
+    run_setups = []
     for test in plan.tests:
-        if setup_number(test) != mounted:
-            mounted = setup_number(test)
-            number = mounted
-            if number in numbers_taken:
-                number = next_free
+        if setup_number(test) != planned_setup:
+            planned_setup = setup_number(test)
+            run_setup = planned_setup
+            if planned_setup in planned_before:
+                run_setup = next_free
                 next_free += 1
-        numbers_taken.add(mounted)
-        numbers.append(number)
-    return tuple(numbers)
+        planned_before.add(planned_setup)
+        run_setups.append(run_setup)
+    return tuple(run_setups)
 
 
 def mounted_anew(plan: Campaign) -> list[int]:
