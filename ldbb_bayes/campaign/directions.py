@@ -5,7 +5,7 @@ from __future__ import annotations
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.errors import InputError
 
-__all__ = ["planes_run_both_ways"]
+__all__ = ["planes_run_both_ways", "runs_both_ways"]
 
 
 def planes_run_both_ways(campaign: Campaign) -> tuple[str, ...]:
@@ -23,6 +23,11 @@ def planes_run_both_ways(campaign: Campaign) -> tuple[str, ...]:
         elif any(test.direction for test in campaign.tests if test.plane == plane):
             _check_directions_stated(campaign, plane, "state theirs in other tests")
     return tuple(both)
+
+
+def runs_both_ways(campaign: Campaign, plane: str) -> bool:
+    """Return whether both clockwise and counterclockwise tests were run in a plane."""
+    return {"CW", "CCW"} <= {test.direction for test in campaign.tests if test.plane == plane}
 
 
 def _check_directions_stated(campaign: Campaign, plane: str, reason: str) -> None:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from ldbb_bayes.campaign.campaign import Campaign, Direction
 
-__all__ = ["PlacedCircle", "placed_circles"]
+__all__ = ["PlacedCircle", "placed_circles", "radii_mm_of"]
 
 
 class PlacedCircle(NamedTuple):
@@ -34,3 +34,8 @@ def placed_circles(campaign: Campaign) -> frozenset[PlacedCircle]:
         centre_mm = tuple(float(value) for value in circle.centre_mm)
         circles.add(PlacedCircle(circle.plane, float(circle.radius_mm), centre_mm, test.direction))
     return frozenset(circles)
+
+
+def radii_mm_of(campaign: Campaign) -> list[float]:
+    """Return the different nominal radii of a campaign's circles [mm], in ascending order."""
+    return sorted({test.circle.radius_mm for test in campaign.tests})

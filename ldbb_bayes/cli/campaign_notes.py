@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import ldbb_bayes as lb
-from ldbb_bayes.campaign.preview import RemarkKind
+from ldbb_bayes.campaign.remarks import RemarkKind
 from ldbb_bayes.report import wording
 from ldbb_bayes.results import Passage
 

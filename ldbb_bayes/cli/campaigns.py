@@ -23,12 +23,8 @@ from ldbb_bayes.campaign.folder import (
     files_of,
     write_campaign_into,
 )
-from ldbb_bayes.campaign.preview import (
-    CampaignPreview,
-    Remark,
-    RemarkKind,
-    preview_of_model,
-)
+from ldbb_bayes.campaign.preview import CampaignPreview, preview_of_model
+from ldbb_bayes.campaign.remarks import Remark, RemarkKind
 from ldbb_bayes.cli import arguments
 from ldbb_bayes.cli.arguments import campaign_fields
 from ldbb_bayes.cli.campaign_notes import notes_on_campaign, notes_on_readings

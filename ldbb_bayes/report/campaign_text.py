@@ -9,7 +9,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.campaign.preview import CampaignPreview, TestPreview
+from ldbb_bayes.campaign.circle_preview import TestPreview
+from ldbb_bayes.campaign.preview import CampaignPreview
 from ldbb_bayes.model.terms import BallForm, Term, Uncertainties
 from ldbb_bayes.model.terms.base import Uncertainty
 from ldbb_bayes.report import wording

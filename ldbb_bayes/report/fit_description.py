@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from ldbb_bayes.analysis.posterior_verdicts import confounded_in
 from ldbb_bayes.analysis.verdicts import not_modelled
-from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, check_campaign
+from ldbb_bayes.campaign.preview import CampaignPreview, check_campaign
+from ldbb_bayes.campaign.remarks import RemarkKind
 from ldbb_bayes.inference.fit import Fit
 from ldbb_bayes.inference.kept_results import kept
 from ldbb_bayes.inference.posterior import bound_of, fit_of, record_of

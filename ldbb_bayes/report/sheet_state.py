@@ -7,7 +7,8 @@ from dataclasses import replace
 
 from ldbb_bayes.analysis.usability import Judgement, Use, judge_fit
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind
+from ldbb_bayes.campaign.preview import CampaignPreview
+from ldbb_bayes.campaign.remarks import RemarkKind
 from ldbb_bayes.inference.fit import Fit
 from ldbb_bayes.inference.posterior import campaign_of, fit_of
 from ldbb_bayes.machine.chain import PLANES

@@ -17,7 +17,7 @@ from hypothesis.extra import numpy as hnp
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import LABELS
 from ldbb_bayes.campaign.folder import labels_of
-from ldbb_bayes.campaign.preview import RemarkKind
+from ldbb_bayes.campaign.remarks import RemarkKind
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.report.wording import remark_words
 

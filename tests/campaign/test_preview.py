@@ -11,7 +11,8 @@ import pytest
 from campaigns import plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.campaign.preview import RemarkKind, resolution_of
+from ldbb_bayes.campaign.circle_preview import resolution_of
+from ldbb_bayes.campaign.remarks import RemarkKind
 from ldbb_bayes.report.wording import remark_words
 
 ANGLE = np.arange(36) * 10.0

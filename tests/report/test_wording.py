@@ -37,7 +37,7 @@ from ldbb_bayes.analysis.parameter_changes import changed_parameters
 from ldbb_bayes.analysis.remedies import Remedy
 from ldbb_bayes.analysis.tried_remedies import RemedyKind
 from ldbb_bayes.analysis.variance_sources import VarianceSource
-from ldbb_bayes.campaign.preview import Remark, RemarkKind
+from ldbb_bayes.campaign.remarks import Remark, RemarkKind
 from ldbb_bayes.cli import app
 from ldbb_bayes.fleet.campaign_row import Job, Settings, fit_row
 from ldbb_bayes.fleet.selection import CaveatKind, choose

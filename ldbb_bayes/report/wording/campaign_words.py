@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from ldbb_bayes.campaign.preview import CampaignPreview, Remark, TestPreview
+from ldbb_bayes.campaign.circle_preview import TestPreview
+from ldbb_bayes.campaign.preview import CampaignPreview
+from ldbb_bayes.campaign.remarks import Remark
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.model.terms.base import Uncertainty
 from ldbb_bayes.report.wording.effect_names import first_names, nuisance_words
