@@ -16,7 +16,8 @@ from ldbb_bayes.report import wording
 from ldbb_bayes.report.blocks import Banner
 from ldbb_bayes.report.findings import Findings
 from ldbb_bayes.report.sheet_instrument import instrument_pieces
-from ldbb_bayes.report.sheet_numbers import SheetNumbers, remark
+from ldbb_bayes.report.sheet_numbers import SheetNumbers
+from ldbb_bayes.report.sheet_remarks import remark
 from ldbb_bayes.report.stated_quantity import StatedQuantity
 from ldbb_bayes.report.translation import Words
 

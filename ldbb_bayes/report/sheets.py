@@ -22,7 +22,8 @@ from ldbb_bayes.report.sheet_fields import (
     identity_fields,
     shorten,
 )
-from ldbb_bayes.report.sheet_numbers import SheetNumbers, remark
+from ldbb_bayes.report.sheet_numbers import SheetNumbers
+from ldbb_bayes.report.sheet_remarks import remark
 from ldbb_bayes.report.sheet_state import banner, undetermined_texts
 from ldbb_bayes.report.stated_quantity import StatedQuantity
 from ldbb_bayes.report.translation import Words, words_of

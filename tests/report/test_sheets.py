@@ -30,7 +30,8 @@ from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.report.plain_findings import Finding, FindingKind, best_step
 from ldbb_bayes.report.plain_findings import findings_of as findings_of_sheet
 from ldbb_bayes.report.sheet_fields import _machine_text, assumption_fields
-from ldbb_bayes.report.sheet_numbers import SheetNumbers, remark
+from ldbb_bayes.report.sheet_numbers import SheetNumbers
+from ldbb_bayes.report.sheet_remarks import remark
 from ldbb_bayes.report.sheet_state import banner, undetermined_texts
 from ldbb_bayes.report.sheets import _gum_sentence, _table_with_intervals, sheets
 from ldbb_bayes.report.stated_quantity import StatedQuantity
