@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import ldbb_bayes as lb
+from ldbb_bayes.campaign.folder import TOML_NAME
 from ldbb_bayes.campaign.tested_forces import check_force
 from ldbb_bayes.cli.arguments import (
     campaign_fields,
@@ -29,7 +30,6 @@ __all__ = [
     "FIELDS",
     "FILES",
     "RESULT",
-    "TOML",
     "Field",
     "linear_model",
     "read_files",
@@ -41,7 +41,6 @@ __all__ = [
 
 FILES = "campaign"  # subfolder of a session (one browser tab) for the files that the user added
 RESULT = "result"  # subfolder of a session (one browser tab) for the finished report
-TOML = "campaign.toml"
 _DCC_SUFFIX = ".xml"
 
 
@@ -352,7 +351,7 @@ def source_from(folder: Path, choices: Mapping[str, str]) -> ReportSource:
         " the example.",
     )
     files = paths
-    if any(path.name == TOML for path in paths):
+    if any(path.name == TOML_NAME for path in paths):
         files = [folder / FILES]
     elif len(paths) > 1:
         # Name the files by wildcards such as ``*.csv``. Files without readings are then skipped,

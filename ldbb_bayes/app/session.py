@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ldbb_bayes.app.computation import Computation
-from ldbb_bayes.app.fields import FIELDS, FILES, TOML
+from ldbb_bayes.app.fields import FIELDS, FILES
 from ldbb_bayes.app.page_words import words_of_page
+from ldbb_bayes.campaign.folder import TOML_NAME
 
 __all__ = ["Session"]
 
@@ -116,7 +117,7 @@ class Session:
         tables then no longer apply.
         """
         file_sizes = self.file_sizes
-        has_campaign_file = TOML in file_sizes
+        has_campaign_file = TOML_NAME in file_sizes
         choices = {}
         for name, text in self.choices.items():
             entry = FIELDS[name]

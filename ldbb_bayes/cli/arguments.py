@@ -58,10 +58,6 @@ __all__ = [
     "model_from",
 ]
 
-# Default deflection of the work ball's mount per unit of pressure [µm/bar], from the published
-# experiment. The pressure is that of the regulator that produces the force.
-_MOUNT_UM_PER_BAR = 2.33
-
 
 def campaign_from(path: Path, *, needs_readings: bool = False, **options: Any) -> lb.Campaign:
     """Return the campaign in the file or folder that the user names as argument of a command.
@@ -273,8 +269,10 @@ def campaign_fields(
     """
     fields = dict(options)
     if raw or mount_um_per_bar is not None:
-        deflection = _MOUNT_UM_PER_BAR if mount_um_per_bar is None else mount_um_per_bar
-        fields["mount"] = lb.campaign.MountCompensation(deflection, compensated=not raw)
+        mount = lb.campaign.MountCompensation(compensated=not raw)
+        if mount_um_per_bar is not None:
+            mount = replace(mount, deflection_um_per_bar=mount_um_per_bar)
+        fields["mount"] = mount
     if force_slope is not None or force_offset is not None:
         default = lb.campaign.ForceLaw()
         slope = default.slope_N_per_bar if force_slope is None else force_slope

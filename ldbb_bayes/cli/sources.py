@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import LABELS
+from ldbb_bayes.campaign.folder import TOML_NAME
 from ldbb_bayes.campaign.readings_table import is_tidy_table
 from ldbb_bayes.cli.questions import can_ask, complete_campaign, import_with_answers
 from ldbb_bayes.errors import require
@@ -20,15 +21,11 @@ from ldbb_bayes.reading.import_result import Imported
 from ldbb_bayes.report import import_text, wording
 
 __all__ = [
-    "TOML_NAME",
     "ReportSource",
     "SourceCampaign",
     "assumed_parts",
     "has_unstated_balls",
 ]
-
-# Name of the file that a folder must contain to count as a campaign folder.
-TOML_NAME = "campaign.toml"
 
 
 class SourceCampaign(NamedTuple):
