@@ -12,11 +12,8 @@ from typing import Any, NamedTuple
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.folder import TOML_NAME
 from ldbb_bayes.campaign.tested_forces import check_force
-from ldbb_bayes.cli.arguments import (
-    campaign_fields,
-    instrument_fields,
-    model_from,
-)
+from ldbb_bayes.cli.arguments import campaign_fields, instrument_fields
+from ldbb_bayes.cli.chosen_model import model_from
 from ldbb_bayes.cli.fit_results import with_tolerances
 from ldbb_bayes.cli.layout_options import LAYOUT_OPTIONS
 from ldbb_bayes.cli.options import FORCES, PRESSURES, Kind, Option, group, option, options_of

@@ -28,6 +28,7 @@ from ldbb_bayes.campaign.remarks import Remark, RemarkKind
 from ldbb_bayes.cli import arguments
 from ldbb_bayes.cli.arguments import campaign_fields
 from ldbb_bayes.cli.campaign_notes import notes_on_campaign, notes_on_readings
+from ldbb_bayes.cli.chosen_model import model_beside
 from ldbb_bayes.cli.options import REQUIRED, command, group, option
 from ldbb_bayes.cli.output import Output
 from ldbb_bayes.errors import InputError, placed, require
@@ -264,7 +265,7 @@ def simulate(
         },
     }
     contents: dict[str, Any] = {TRUTH_NAME: record}
-    if arguments.model_beside(source) is not None:
+    if model_beside(source) is not None:
         contents[MODEL_NAME] = model_to_toml(model)
     output = Output(out, force, as_json, quiet, files=(*files_of(out), MODEL_NAME))
     output.deliver(

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.calibration import LOG_LIKELIHOOD, Validation
 from ldbb_bayes.analysis.comparison import Comparison
-from ldbb_bayes.cli.arguments import model_from
+from ldbb_bayes.cli.chosen_model import model_from
 from ldbb_bayes.fleet.population_prior import digest_of
 from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.model.specification import model_to_toml
