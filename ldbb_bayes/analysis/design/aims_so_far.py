@@ -216,7 +216,7 @@ class GoalState:
         limits = self.goal.limit_U(self.draws)
         return float((COVERAGE_FACTOR * sd[:, None] <= limits).mean())
 
-    def so_far(self, after: Array, floor: Array, scattering: Array) -> GoalSoFar:
+    def so_far(self, after: Array, after_very_many: Array, scattering: Array) -> GoalSoFar:
         """Return U and the probability that the goal is met: now, and after further circles.
 
         U is the expanded uncertainty (k = 2) of the goal's parameter. The result states U and the
@@ -225,9 +225,9 @@ class GoalState:
 
         ``after``, shape (K, p, p), are the covariances of the p parameters after the best next
         circle, in units of their prior standard deviations, at K values of the hyper-parameters.
-        ``floor``, of the same shape and in the same units, are the covariances after very many
-        circles. ``scattering``, shape (n, p, p), are n equally likely covariances after the best
-        next circle, which may scatter more or less than other circles.
+        ``after_very_many``, of the same shape and in the same units, are the covariances after very
+        many circles. ``scattering``, shape (n, p, p), are n equally likely covariances after the
+        best next circle, which may scatter more or less than other circles.
         """
         sd_next = self.aim.sd(after)
         expected_sd = min(float(np.sqrt((sd_next**2).mean())), self.sd)
@@ -243,7 +243,7 @@ class GoalState:
             U_next=COVERAGE_FACTOR * expected_sd,
             probability_next=max(self.probability(self.aim.sd(scattering)), probability_at_least),
             U_floor=COVERAGE_FACTOR
-            * min(float(np.sqrt((self.aim.sd(floor) ** 2).mean())), expected_sd),
+            * min(float(np.sqrt((self.aim.sd(after_very_many) ** 2).mean())), expected_sd),
             share=self.goal.share,
             U_of_fit=self.U_of_fit,
             averaged_U=self.averaged_U,
@@ -307,18 +307,18 @@ class ToleranceState:
         is_reached = stated.decision is not Decision.NOT_DECIDED
         return replace(self, on_sheets=stated, aim=replace(self.aim, is_reached=is_reached))
 
-    def so_far(self, after: Array, floor: Array, scattering: Array) -> ToleranceSoFar:
+    def so_far(self, after: Array, after_very_many: Array, scattering: Array) -> ToleranceSoFar:
         """Return the present decision, and the probability that one more circle allows a decision.
 
         The decision is whether a quantity conforms with its tolerance. ``after``, shape (K, p, p),
         are the covariances of the p parameters after the best next circle, in units of their prior
-        standard deviations, at K values of the hyper-parameters. ``floor``, of the same shape and
-        in the same units, are the covariances after very many circles. ``scattering``, shape (n, p,
-        p), are n equally likely covariances after the best next circle, which may scatter more or
-        less than other circles.
+        standard deviations, at K values of the hyper-parameters. ``after_very_many``, of the same
+        shape and in the same units, are the covariances after very many circles. ``scattering``,
+        shape (n, p, p), are n equally likely covariances after the best next circle, which may
+        scatter more or less than other circles.
         """
         sd_next = min(float(np.sqrt((self.aim.sd(after) ** 2).mean())), self.sd)
-        sd_floor = min(float(np.sqrt((self.aim.sd(floor) ** 2).mean())), sd_next)
+        sd_floor = min(float(np.sqrt((self.aim.sd(after_very_many) ** 2).mean())), sd_next)
         return ToleranceSoFar(
             now=self.now if self.on_sheets is None else self.on_sheets,
             decided_next=float(self._probability_decided(self.aim.sd(scattering)).mean()),

@@ -50,17 +50,19 @@ class CirclesToGo(NamedTuple):
         return tuple(name for name, state in states.items() if not self.reaches(state.aim))
 
 
-def count_circles_to_go(aims: Sequence[Aim], objective: Objective, floor: Array) -> CirclesToGo:
+def count_circles_to_go(
+    aims: Sequence[Aim], objective: Objective, after_very_many: Array
+) -> CirclesToGo:
     """Return the number of further circles after which a campaign should reach all its aims.
 
     The circles are chosen one after another from the candidates of ``objective``. Each circle is
     the best choice after the circles chosen before; a candidate may be chosen several times. The
-    number is None if the aims are not reached after 40 circles. ``floor``, shape (K, p, p), are the
-    covariances of the p parameters after very many circles, at K values of the hyper-parameters. An
-    aim that they do not reach is not reached after 40 circles either.
+    number is None if the aims are not reached after 40 circles. ``after_very_many``, shape (K, p,
+    p), are the covariances of the p parameters after very many circles, at K values of the
+    hyper-parameters. An aim that they do not reach is not reached after 40 circles either.
     """
-    if not all(aim.is_reached or aim.is_expected(floor) for aim in aims):
-        return CirclesToGo(None, floor)
+    if not all(aim.is_reached or aim.is_expected(after_very_many) for aim in aims):
+        return CirclesToGo(None, after_very_many)
     circles = CandidateCovariances(objective)
     for number in range(1, _MOST_CIRCLES + 1):
         circles.run(int(largest_positions(-total_distance(aims, circles.after()))[0]))

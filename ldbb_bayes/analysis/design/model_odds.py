@@ -144,14 +144,14 @@ class ModelOdds:
         probability = float(expit(self.log_bayes_factor))
         return probability * with_slopes + (1.0 - probability) * without_slopes
 
-    def so_far(self, scattering: Array, floor: Array) -> ModelSoFar:
+    def so_far(self, scattering: Array, after_very_many: Array) -> ModelSoFar:
         """Return the present and the expected decision between constant and linear compliance.
 
         The result states the odds of linear over constant compliance, given the circles run so far,
         and the probability that a decision between the two is possible after the best next circle.
         ``scattering``, shape (n, p, p), are equally likely covariances of the p parameters after
         the best next circle, which may scatter more or less than other circles, in units of their
-        prior standard deviations. ``floor``, shape (K, p, p), in the same units, are the
+        prior standard deviations. ``after_very_many``, shape (K, p, p), in the same units, are the
         covariances after very many circles, at K values of the hyper-parameters.
         """
         return ModelSoFar(
@@ -160,5 +160,5 @@ class ModelOdds:
             probability_linear=float(expit(self.log_bayes_factor)),
             decided=self.is_decided,
             decided_next=self.probability_decided(scattering),
-            decidable=self.is_decided or self.aim.is_expected(floor),
+            decidable=self.is_decided or self.aim.is_expected(after_very_many),
         )

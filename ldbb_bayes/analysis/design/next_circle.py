@@ -448,28 +448,33 @@ def _with_other_uncertainties(
 
 
 def _goals_so_far(
-    goals: Mapping[str, GoalState], after: Array, floor: Array, scattering: Array
+    goals: Mapping[str, GoalState], after: Array, after_very_many: Array, scattering: Array
 ) -> dict[str, GoalSoFar]:
     """Return a comparison of each goal with the uncertainty of the goal's parameter.
 
     The keys of the result are the names of the parameters. ``after``, shape (K, p, p), are the
     covariances of the p parameters after the best next circle, at K values of the hyper-parameters.
-    ``floor``, of the same shape, are the covariances after very many circles. ``scattering``, shape
-    (n, p, p), are n equally likely covariances after the best next circle, which may scatter more
-    or less than other circles.
+    ``after_very_many``, of the same shape, are the covariances after very many circles.
+    ``scattering``, shape (n, p, p), are n equally likely covariances after the best next circle,
+    which may scatter more or less than other circles.
     """
-    return {name: state.so_far(after, floor, scattering) for name, state in goals.items()}
+    return {name: state.so_far(after, after_very_many, scattering) for name, state in goals.items()}
 
 
 def _tolerances_so_far(
-    tolerances: Mapping[str, ToleranceState], after: Array, floor: Array, scattering: Array
+    tolerances: Mapping[str, ToleranceState],
+    after: Array,
+    after_very_many: Array,
+    scattering: Array,
 ) -> dict[str, ToleranceSoFar]:
     """Return, for each tolerance, the present decision and what the best next circle may decide.
 
     The keys of the result are the names of the quantities with tolerances. The other arguments are
     those of `_goals_so_far`.
     """
-    return {name: state.so_far(after, floor, scattering) for name, state in tolerances.items()}
+    return {
+        name: state.so_far(after, after_very_many, scattering) for name, state in tolerances.items()
+    }
 
 
 def _check_arguments(model: HybridModel, campaign: Campaign, confidence: float) -> None:
