@@ -216,7 +216,7 @@ def _stated_variances(
     covariance = of_beliefs.covariance.reshape(number, beliefs, q, q)
     identity = np.eye(q)
     before = Coefficients(np.zeros((number, q)), np.tile(identity, (number, 1, 1)))
-    if analyses.run:
+    if analyses.tests_run:
         before = Coefficients(known.mean[machines.state], known.covariance[machines.state])
     precision_before = np.linalg.inv(before.covariance)
     added = np.zeros((number, q))
@@ -254,7 +254,7 @@ def _added_precision(
     """
     bound = models.bound
     p = len(bound.names)
-    if analyses.run == 0:
+    if analyses.tests_run == 0:
         phi = extend_hyper_parameters(bound, analyses.states.phi, 0, scattering=True)
         beta = bound.prior_mean + machines.coefficients[:, :p] * bound.scale
         estimates = draw_reference_estimates(bound, phi[machines.state], beta, analyses.seed)

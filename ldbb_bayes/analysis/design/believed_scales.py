@@ -59,7 +59,9 @@ _LEAST_SCORE_VARIANCE = 1e-6
 _MOST_CIRCLES = 24
 
 
-def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int, *, run: int = 0) -> Array:
+def believed_scales(
+    bound: BoundModel, phi: Array, draws: int, seed: int, *, tests_run: int = 0
+) -> Array:
     """Return posterior draws of the hyper-parameters that are expected after the planned tests.
 
     The hyper-parameters are quantities such as the standard deviation of the noise. The readings of
@@ -77,7 +79,7 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int, *, run
         Number of draws of the hyper-parameters for each machine.
     seed
         Seed of the random numbers.
-    run
+    tests_run
         Number of tests of ``bound`` that have already been run; these come first. Default: none.
 
     Returns
@@ -86,21 +88,21 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int, *, run
         Hyper-parameters, shape (K, draws, h), lengths in mm.
     """
     machines, size = phi.shape
-    chosen = _chosen_circles(bound, run)
+    chosen = _chosen_circles(bound, tests_run)
     prior = bound.hyper_prior
     limit = ndtr(-_LARGEST_SCORE)
     truth = ndtri(np.clip(prior.level(phi), limit, 1.0 - limit))
     rng = np.random.default_rng(seed)
     error_of_estimate = rng.standard_normal((machines, size))
     spread_of_belief = rng.standard_normal((machines, draws, size))
-    before = _ScoresBefore.of(truth, run)
+    before = _ScoresBefore.of(truth, tests_run)
     start = before.standardize(truth)
 
     def information(scores: Array) -> Array:
         # Return the Fisher information of the planned tests about the standardized scores.
         of_scores = fisher_information(chosen, scores)
-        if run:
-            names_run = bound.test_names[:run]
+        if tests_run:
+            names_run = bound.test_names[:tests_run]
             of_scores = of_scores - fisher_information(bound.keeping(names_run), scores)
         return np.asarray(before.root.T @ of_scores @ before.root)
 
@@ -121,18 +123,18 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int, *, run
     return scales
 
 
-def _chosen_circles(bound: BoundModel, run: int) -> BoundModel:
+def _chosen_circles(bound: BoundModel, tests_run: int) -> BoundModel:
     """Return the model of all tests that have been run, and of at most 24 planned tests.
 
-    The first ``run`` tests of ``bound`` have been run. If there are more planned tests, they are
-    chosen in even steps.
+    The first ``tests_run`` tests of ``bound`` have been run. If there are more planned tests, they
+    are chosen in even steps.
     """
     names = bound.test_names
-    planned = names[run:]
+    planned = names[tests_run:]
     if len(planned) <= _MOST_CIRCLES:
         return bound
     places = np.linspace(0, len(planned) - 1, _MOST_CIRCLES).round().astype(int)
-    return bound.keeping((*names[:run], *(planned[place] for place in places)))
+    return bound.keeping((*names[:tests_run], *(planned[place] for place in places)))
 
 
 class _ScoresBefore(NamedTuple):
@@ -146,16 +148,16 @@ class _ScoresBefore(NamedTuple):
     root: Array  # square root R of the covariance of the h normal scores, shape (h, h)
 
     @classmethod
-    def of(cls, scores: Array, run: int) -> _ScoresBefore:
+    def of(cls, scores: Array, tests_run: int) -> _ScoresBefore:
         """Return the prior of the scores or, if tests have been run, the posterior given these.
 
-        ``scores``, shape (K, h), are draws of the h scores from that distribution. ``run`` is the
-        number of tests that have been run. The covariance of the draws is shrunk towards its
+        ``scores``, shape (K, h), are draws of the h scores from that distribution. ``tests_run`` is
+        the number of tests that have been run. The covariance of the draws is shrunk towards its
         diagonal, because K draws determine correlations only roughly. A single draw determines no
         covariance, so that the prior is returned.
         """
         machines, size = scores.shape
-        if not run or machines < 2:
+        if not tests_run or machines < 2:
             return cls(np.zeros(size), np.eye(size))
         covariance = np.atleast_2d(np.cov(scores.T))
         shrunk = size / (machines + size)

@@ -85,10 +85,10 @@ class CampaignFamily:
         bound = self.bound
         number = len(self.states.phi)
         chosen = np.unique(np.linspace(0, number - 1, _QUICK_STATES).round().astype(int))
-        run = len(self.space.pilot.tests) if self.space.augment else 0
+        tests_run = len(self.space.pilot.tests) if self.space.augment else 0
         names = list(self.goals)
         size = Determinant(len(names))
-        objective = objective_of(bound, run, self.states.phi[chosen], names, size)
+        objective = objective_of(bound, tests_run, self.states.phi[chosen], names, size)
         limits = limits_of_goals(self.goals, self.states, bound.names)[chosen]
         scale = bound.scale[[bound.names.index(name) for name in names]]
         # In the quick forecast compliances may be negative. Its uncertainties are too large where

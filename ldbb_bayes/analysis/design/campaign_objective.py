@@ -62,7 +62,7 @@ def prediction_weight(bound: BoundModel, chosen: Sequence[str]) -> Array:
 
 
 def objective_of(
-    bound: BoundModel, run: int, phi: Array, chosen: Sequence[str], criterion: Criterion
+    bound: BoundModel, tests_run: int, phi: Array, chosen: Sequence[str], criterion: Criterion
 ) -> Objective:
     """Return the objective of a search among candidate tests, for the chosen parameters.
 
@@ -75,7 +75,7 @@ def objective_of(
     ----------
     bound
         Model applied to the tests that have already been run, followed by the candidate tests.
-    run
+    tests_run
         Number of tests that have already been run.
     phi
         K sets of the h hyper-parameters φ of the campaign that the design starts from, shape (K,
@@ -97,14 +97,14 @@ def objective_of(
     rows = []
     prior = []
     layout = None
-    for information in informations_of(bound, extend_hyper_parameters(bound, phi, run)):
+    for information in informations_of(bound, extend_hyper_parameters(bound, phi, tests_run)):
         blocks = _stack_blocks(information.blocks())
         if layout is None:
             layout = _layout_of(information, blocks, chosen)
         blocks = blocks[:, :, layout.columns][:, layout.rows]
-        rows_run = blocks[:run].reshape(-1, len(layout.columns))
+        rows_run = blocks[:tests_run].reshape(-1, len(layout.columns))
         prior.append(np.diag(layout.has_prior.astype(float)) + rows_run.T @ rows_run)
-        rows.append(blocks[run:])
+        rows.append(blocks[tests_run:])
     return Objective(np.array(rows), np.array(prior), len(chosen), criterion)
 
 

@@ -86,7 +86,9 @@ class CandidateCovariances:
         self._covariance = self._covariance - np.swapaxes(spread, -1, -2) @ weighted
 
 
-def covariances_with_scatter(bound: BoundModel, run: int, candidate: int, phi: Array) -> Array:
+def covariances_with_scatter(
+    bound: BoundModel, tests_run: int, candidate: int, phi: Array
+) -> Array:
     """Return covariances of the parameters after one more circle whose scatter is not known yet.
 
     An uncertainty that depends mostly on a single new circle is proportional to the scatter of this
@@ -97,7 +99,7 @@ def covariances_with_scatter(bound: BoundModel, run: int, candidate: int, phi: A
     ----------
     bound
         Model applied to the circles run so far, followed by all circles that could be run.
-    run
+    tests_run
         Number of circles run so far.
     candidate
         Index of the new circle among the circles that could be run.
@@ -112,9 +114,11 @@ def covariances_with_scatter(bound: BoundModel, run: int, candidate: int, phi: A
         p): one for each value of the hyper-parameters and each of four values of λ.
     """
     repeated = np.tile(phi, (_SCATTERS, 1))
-    extended = extend_hyper_parameters(bound, repeated, run, scattering=True)
+    extended = extend_hyper_parameters(bound, repeated, tests_run, scattering=True)
     covariances = []
-    for information in informations_of(bound, extended, tests=[*range(run), run + candidate]):
+    for information in informations_of(
+        bound, extended, tests=[*range(tests_run), tests_run + candidate]
+    ):
         rows = information.rows()
         covariance = np.linalg.inv(np.eye(rows.shape[1]) + rows.T @ rows)
         interest = information.interest

@@ -161,18 +161,22 @@ def forecast_plan(
     """
     if analyses is not None:
         return forecast_tests(
-            analyses.bound, analyses.states, run=analyses.run, slopes=slopes, analyses=analyses
+            analyses.bound,
+            analyses.states,
+            tests_run=analyses.tests_run,
+            slopes=slopes,
+            analyses=analyses,
         )
     states = states_of(model, plan, machines)
-    run = tests_already_run(plan)
-    return forecast_tests(bind_plan(model, plan), states, run=run, slopes=slopes)
+    tests_run = tests_already_run(plan)
+    return forecast_tests(bind_plan(model, plan), states, tests_run=tests_run, slopes=slopes)
 
 
 def forecast_tests(
     bound: BoundModel,
     states: States,
     *,
-    run: int = 0,
+    tests_run: int = 0,
     slopes: Slopes | None = None,
     known_scales: bool = False,
     analyses: SimulatedAnalyses | None = None,
@@ -186,7 +190,7 @@ def forecast_tests(
     states
         Possible states of the machine before the planned tests: values of its parameters and
         hyper-parameters.
-    run
+    tests_run
         Number of tests that have already been run.
     slopes
         Slopes (changes of compliance with force) for which the evidence is forecast, and their
@@ -204,24 +208,26 @@ def forecast_tests(
     Forecast
         Expected uncertainties, information gain, and evidence for or against slopes.
     """
-    posterior, floor = posteriors(bound, states.phi, run)
+    posterior, floor = posteriors(bound, states.phi, tests_run)
     if posterior is None:
         return _undetermined_forecast(bound)
     covariance = posterior.covariance
     if known_scales or bound.model.prior.flat:
-        analyses = SimulatedAnalyses(bound, run, states, states, covariance[:, None])
+        analyses = SimulatedAnalyses(bound, tests_run, states, states, covariance[:, None])
     elif analyses is None:
-        analyses = analyses_on_machines(bound, states, run, SEED)
+        analyses = analyses_on_machines(bound, states, tests_run, SEED)
     expected = expected_uncertainties(analyses, covariance, floor)
     if bound.model.prior.flat:
         return Forecast(expected, np.inf, None)
     information_gain = float(-0.5 * np.linalg.slogdet(covariance)[1].mean())
     if slopes is None:
         slopes = Slopes(tuple(p.name for p in bound.parameters if p.group == "slope"))
-    return Forecast(expected, information_gain, _evidence(bound, states, covariance, run, slopes))
+    return Forecast(
+        expected, information_gain, _evidence(bound, states, covariance, tests_run, slopes)
+    )
 
 
-def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None, Array]:
+def posteriors(bound: BoundModel, phi: Array, tests_run: int) -> tuple[Gaussian | None, Array]:
     """Return the posterior p(β | y, φ), and the standard deviations after very many tests.
 
     β are the p parameters and φ the h hyper-parameters. Both results are computed for K sets of φ,
@@ -235,7 +241,7 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
     phi
         K sets of hyper-parameters of the campaign that the design starts from, shape (K, h);
         lengths in mm.
-    run
+    tests_run
         Number of circles of ``bound`` that have already been run; these circles come first in
         ``bound``.
 
@@ -249,7 +255,7 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
         times, shape (p,). It is the root mean square over the K sets of φ. The array is empty if
         ``posterior`` is None.
     """
-    phi = extend_hyper_parameters(bound, phi, run)
+    phi = extend_hyper_parameters(bound, phi, tests_run)
     first = information_of(bound, phi[0])
     interest = first.interest
     size = len(first.names)
@@ -257,8 +263,8 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
     rows_planned = []
     for information in informations_of(bound, phi):
         blocks = information.blocks()
-        rows_run.append(_compressed_rows(blocks[:run], size))
-        rows_planned.append(_compressed_rows(blocks[run:], size))
+        rows_run.append(_compressed_rows(blocks[:tests_run], size))
+        rows_planned.append(_compressed_rows(blocks[tests_run:], size))
     already_run = np.array(rows_run)
     planned = np.array(rows_planned)
     once = np.concatenate([already_run, planned], axis=1)
@@ -378,14 +384,14 @@ def _undetermined_forecast(bound: BoundModel) -> Forecast:
 
 
 def _evidence(
-    bound: BoundModel, states: States, covariance: Array, run: int, slopes: Slopes
+    bound: BoundModel, states: States, covariance: Array, tests_run: int, slopes: Slopes
 ) -> Discrimination | None:
     """Return the expected evidence for or against slopes; None if there are no slopes.
 
     ``states`` are K possible states of the machine before the tests: values of its parameters and
     hyper-parameters. ``covariance`` are the posterior covariances of the p parameters in each
-    state, shape (K, p, p), in units of the prior standard deviations. ``run`` is the number of
-    tests that have already been run. ``slopes`` holds the names of the slopes, and the root mean
+    state, shape (K, p, p), in units of the prior standard deviations. ``tests_run`` is the number
+    of tests that have already been run. ``slopes`` holds the names of the slopes, and the root mean
     square that the slopes are assumed to have if the compliances change with force.
     """
     if not slopes.names:
@@ -393,7 +399,7 @@ def _evidence(
     columns = [bound.names.index(name) for name in slopes.names]
     before = None
     pilot = bound.pilot or bound.campaign
-    if run and not pilot.is_plan:
+    if tests_run and not pilot.is_plan:
         scale = bound.scale[columns]
         marginal = states.before.marginal(columns)
         before = Gaussian.factored(marginal.mean / scale, marginal.root, marginal.scale / scale)

@@ -541,8 +541,8 @@ def _objective(bound: BoundModel, space: Space, known: Known) -> Objective:
     hyper-parameters.
     """
     names = known.bound.names
-    run = len(space.pilot.tests)
-    return objective_of(bound, run, known.phi, names, Determinant(len(names)))
+    tests_run = len(space.pilot.tests)
+    return objective_of(bound, tests_run, known.phi, names, Determinant(len(names)))
 
 
 def _joint_probability(states: Mapping[str, GoalState], known: Known) -> float:

@@ -237,9 +237,9 @@ def _largest_remaining_sources(family: CampaignFamily) -> dict[str, _LargestSour
     The result is a dict; its keys are the names of the goals' parameters.
     """
     bound = family.bound
-    run = len(family.space.pilot.tests) if family.space.augment else 0
-    phi = np.sqrt((extend_hyper_parameters(bound, family.states.phi, run) ** 2).mean(axis=0))
-    sources = sources_of(bound, _as_if_run_very_often(information_of(bound, phi), run))
+    tests_run = len(family.space.pilot.tests) if family.space.augment else 0
+    phi = np.sqrt((extend_hyper_parameters(bound, family.states.phi, tests_run) ** 2).mean(axis=0))
+    sources = sources_of(bound, _as_if_run_very_often(information_of(bound, phi), tests_run))
     holders = {}
     for name in family.goals:
         largest = sources[name].sources[0]
@@ -247,17 +247,18 @@ def _largest_remaining_sources(family: CampaignFamily) -> dict[str, _LargestSour
     return holders
 
 
-def _as_if_run_very_often(information: Information, run: int) -> Information:
+def _as_if_run_very_often(information: Information, tests_run: int) -> Information:
     """Return the linear model of the readings as if each planned circle were run very many times.
 
     The random errors that differ from circle to circle then average out; effects that are the same
-    in all circles remain. The first ``run`` circles have already been run, and are not repeated.
+    in all circles remain. The first ``tests_run`` circles have already been run, and are not
+    repeated.
     """
     # ``information.noise`` holds a dictionary for each test: the covariances of the test's noise.
     # If several tests have the same noise, their entries are one and the same dictionary. In the
     # result, too, their entries are one and the same dictionary.
     averaged: dict[int, dict[str, Array]] = {}
-    for noises in information.noise[run:]:
+    for noises in information.noise[tests_run:]:
         averaged[id(noises)] = {name: cov / _VERY_MANY for name, cov in noises.items()}
-    planned = tuple(averaged[id(noises)] for noises in information.noise[run:])
-    return replace(information, noise=(*information.noise[:run], *planned))
+    planned = tuple(averaged[id(noises)] for noises in information.noise[tests_run:])
+    return replace(information, noise=(*information.noise[:tests_run], *planned))

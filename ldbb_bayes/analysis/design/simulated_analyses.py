@@ -71,7 +71,7 @@ class SimulatedAnalyses:
 
     #: model applied to the tests that have already been run, followed by the planned tests
     bound: BoundModel
-    run: int  #: number of tests that have already been run
+    tests_run: int  #: number of tests that have already been run
     #: the K possible machines before the planned tests, and what is known about them
     states: States
     #: the same K possible machines, with the prior that each analysis uses. The prior sd of a slope
@@ -158,7 +158,7 @@ def states_of(
 
 
 def analyses_on_machines(
-    bound: BoundModel, states: States, run: int, seed: int
+    bound: BoundModel, states: States, tests_run: int, seed: int
 ) -> SimulatedAnalyses:
     """Simulate the analyses of planned tests on the possible machines ``states``.
 
@@ -166,15 +166,15 @@ def analyses_on_machines(
     the model applied to the tests, takes this estimate from the campaign that the design starts
     from. An analysis of the tests estimates the compliances anew, from its own readings, so that
     its priors of the slopes differ. Covariances and states of the result have these new priors.
-    ``run`` is the number of tests of ``bound`` that have already been run; they come first.
+    ``tests_run`` is the number of tests of ``bound`` that have already been run; they come first.
     ``seed`` is the seed of the random numbers.
     """
-    believed_phi = _believed_hyper_parameters(bound, states, run, seed)
+    believed_phi = _believed_hyper_parameters(bound, states, tests_run, seed)
     covariance = _believed_covariance(bound, believed_phi)
     prior = bound.model.prior
     if prior.flat or not prior.slopes_of_estimate or bound.model.degree == 0:
-        return SimulatedAnalyses(bound, run, states, states, covariance, believed_phi, seed)
-    estimates = _draw_estimates(bound, states, covariance, run, seed)
+        return SimulatedAnalyses(bound, tests_run, states, states, covariance, believed_phi, seed)
+    estimates = _draw_estimates(bound, states, covariance, tests_run, seed)
     added = precision_added_by_slope_priors(bound, estimates)
     scale = bound.scale
     matrix = np.eye(len(scale)) * added[:, None]
@@ -182,21 +182,23 @@ def analyses_on_machines(
     before = states.before + Gaussian(precision, precision @ bound.prior_mean)
     covariance = np.linalg.inv(np.linalg.inv(covariance) + matrix[:, None])
     of_analyses = replace(states, before=before)
-    return SimulatedAnalyses(bound, run, states, of_analyses, covariance, believed_phi, seed)
+    return SimulatedAnalyses(bound, tests_run, states, of_analyses, covariance, believed_phi, seed)
 
 
-def _believed_hyper_parameters(bound: BoundModel, states: States, run: int, seed: int) -> Array:
+def _believed_hyper_parameters(
+    bound: BoundModel, states: States, tests_run: int, seed: int
+) -> Array:
     """Return random draws from the hyper-parameters' posterior for the machines ``states``.
 
     The hyper-parameters are quantities such as the standard deviation of the noise. The result has
     the shape (K, n, h), for K possible machines, n draws for each machine (see `believed_scales`),
-    and h hyper-parameters. ``bound`` is the model applied to the tests; the first ``run`` of these
-    tests have already been run. ``seed`` is the seed of the random numbers.
+    and h hyper-parameters. ``bound`` is the model applied to the tests; the first ``tests_run`` of
+    these tests have already been run. ``seed`` is the seed of the random numbers.
     """
-    phi = extend_hyper_parameters(bound, states.phi, run, scattering=True)
+    phi = extend_hyper_parameters(bound, states.phi, tests_run, scattering=True)
     pilot = bound.pilot or bound.campaign
-    run_with_readings = 0 if pilot.is_plan else run
-    return believed_scales(bound, phi, _BELIEFS, seed, run=run_with_readings)
+    run_with_readings = 0 if pilot.is_plan else tests_run
+    return believed_scales(bound, phi, _BELIEFS, seed, tests_run=run_with_readings)
 
 
 def _believed_covariance(bound: BoundModel, believed_phi: Array) -> Array:
@@ -248,17 +250,18 @@ def _sd_of_estimates(bound: BoundModel) -> Array:
 
 
 def _draw_estimates(
-    bound: BoundModel, states: States, covariance: Array, run: int, seed: int
+    bound: BoundModel, states: States, covariance: Array, tests_run: int, seed: int
 ) -> Array:
     """Draw the estimates from which the analyses of planned tests size the priors of the slopes.
 
     One estimate of the p parameters is drawn for each of the K states, shape (K, p), in internal
-    units (mm, N, rad). If ``run`` tests have already been run, a part of the readings is known, and
-    the estimate is taken to be a posterior mean, which follows from ``covariance``, shape (K, n, p,
-    p), in units of the prior sds in ``bound``. ``seed`` is the seed of the random numbers.
+    units (mm, N, rad). If ``tests_run`` tests have already been run, a part of the readings is
+    known, and the estimate is taken to be a posterior mean, which follows from ``covariance``,
+    shape (K, n, p, p), in units of the prior sds in ``bound``. ``seed`` is the seed of the random
+    numbers.
     """
-    if run == 0:
-        phi = extend_hyper_parameters(bound, states.phi, run, scattering=True)
+    if tests_run == 0:
+        phi = extend_hyper_parameters(bound, states.phi, tests_run, scattering=True)
         return draw_reference_estimates(bound, phi, states.beta, seed)
     scale = bound.scale
     every_state = np.ones(len(covariance), bool)

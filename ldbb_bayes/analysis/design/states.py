@@ -88,7 +88,7 @@ def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Ar
 
 
 def extend_hyper_parameters(
-    bound: BoundModel, phi: Array, run: int, *, scattering: bool = False
+    bound: BoundModel, phi: Array, tests_run: int, *, scattering: bool = False
 ) -> Array:
     """Return the hyper-parameters of a model applied to the circles run so far and to new circles.
 
@@ -105,7 +105,7 @@ def extend_hyper_parameters(
         Model applied to the circles run so far, followed by the new circles.
     phi
         K values of the pilot's φ, shape (K, h).
-    run
+    tests_run
         Number of the pilot's circles that ``bound`` includes.
     scattering
         Whether the noise factors λ of the new circles differ, as they do under the prior. Default:
@@ -125,7 +125,7 @@ def extend_hyper_parameters(
     # the model of these circles and the new ones together; ``circles_run`` holds the names of the
     # factors in ``bound``. In the model of the pilot (the campaign that the design starts from),
     # the same factor may have another name.
-    circles_run = bound.setting.circle[:run].tolist()
+    circles_run = bound.setting.circle[:tests_run].tolist()
     pilot_circle = dict(zip(circles_run, pilot_bound.setting.circle.tolist(), strict=False))
 
     # First, every hyper-parameter gets values spread evenly over its prior, in random order. The
