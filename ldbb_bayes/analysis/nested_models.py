@@ -59,6 +59,16 @@ class Coefficients(NamedTuple):
     covariance: Array  # covariances, shape (..., q, q)
 
 
+class ParameterDistributions(NamedTuple):
+    """Gaussian distributions of the p parameters alone, in internal units (mm, N, rad).
+
+    The leading dimensions of the arrays count the distributions.
+    """
+
+    mean: Array  # means of the parameters, shape (..., p)
+    covariance: Array  # covariances, shape (..., p, p)
+
+
 class _PosteriorOfModel(NamedTuple):
     """Posteriors of the p parameters under one of the nested models, in internal units.
 
@@ -194,19 +204,20 @@ class NestedModels:
 
     def _inside(self, model: int, coefficients: Coefficients) -> TruncatedMoments:
         """Return moments under condition T, with ln P(T) minus its prior value."""
+        parameters = self.parameters_of(coefficients)
         inside = truncated_moments(
-            self.bound, *self.parameters_of(coefficients), points=_POINTS_INSIDE
+            self.bound, parameters.mean, parameters.covariance, points=_POINTS_INSIDE
         )
         log_ratio = inside.log_probability - self._log_prior_inside[model]
         return inside._replace(log_probability=log_ratio)
 
-    def parameters_of(self, coefficients: Coefficients) -> Coefficients:
-        """Return distributions of the p parameters alone, in internal units (mm, N, rad)."""
+    def parameters_of(self, coefficients: Coefficients) -> ParameterDistributions:
+        """Return the distributions of the p parameters, the first of the q coefficients."""
         p = len(self.bound.names)
         scale = self.prior_sd[:p]
         mean = self.bound.prior_mean + coefficients.mean[..., :p] * scale
         covariance = coefficients.covariance[..., :p, :p] * np.outer(scale, scale)
-        return Coefficients(mean, covariance)
+        return ParameterDistributions(mean, covariance)
 
     @cached_property
     def _log_prior_inside(self) -> list[float]:
@@ -217,7 +228,8 @@ class NestedModels:
             variance = np.ones(q)
             variance[list(zeros)] = 0.0
             prior = Coefficients(np.zeros((1, q)), np.diag(variance)[None])
-            inside = truncated_moments(self.bound, *self.parameters_of(prior))
+            parameters = self.parameters_of(prior)
+            inside = truncated_moments(self.bound, parameters.mean, parameters.covariance)
             log_probabilities.append(float(inside.log_probability[0]))
         return log_probabilities
 
