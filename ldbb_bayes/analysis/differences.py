@@ -8,7 +8,7 @@ of its joints largely cancels, as far as it is not proportional to the force (`c
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from math import comb
 from typing import NamedTuple
 
@@ -37,6 +37,12 @@ __all__ = ["compare_posteriors", "states_two_machines"]
 # Number of pairs of posterior draws from which the credible interval of a difference is computed.
 # Each pair combines a draw of the first campaign with a draw of the second campaign.
 _DRAWS = 20_000
+# Warnings of the two fits that the table of differences states, as attributes. The keys are the
+# names of the attributes.
+_CONCERNS_STATED = {
+    "contradicted_priors": ConcernKind.PRIOR,
+    "doubted_units": ConcernKind.UNIT,
+}
 
 
 class _Differences(NamedTuple):
@@ -145,30 +151,20 @@ def compare_posteriors(
     True
     """
     check_probability(prob)
-    bounds = [bound_of(posterior), bound_of(other)]
-    first, second = bounds
+    first = bound_of(posterior)
+    second = bound_of(other)
     name_of_other = record_of(other)["campaign"]["name"]
     _check_comparable_machines(first, second, name_of_other)
     _check_same_compliances(first, second, name_of_other)
     if same_machine:
         _check_same_machine(first.campaign, second.campaign, name_of_other)
-    names = []
-    for name, is_offset in zip(first.names, is_tool_ball_offset(first), strict=True):
-        if not is_offset and name in second.names:
-            names.append(name)
-    reference_force_N = first.setting.reference_force_N
+    names = _common_parameters(first, second)
     levels = np.array([0.5 - 0.5 * prob, 0.5 + 0.5 * prob])
     shared = Shared(instrument=same_instrument, machine=same_machine)
     if shared.anything:
-        for result in (posterior, other):
-            _check_single_model(result)
-        phi = [draws_of(posterior, first)[1].mean(axis=0), draws_of(other, second)[1].mean(axis=0)]
-        rows = [_rows_at_force(bound, names, reference_force_N) for bound in bounds]
-        compared = _compare_jointly(bounds, phi, rows, shared, levels)
+        compared = _compare_jointly((posterior, other), names, shared, levels)
     else:
-        first_values = _values_at_force(posterior, first, names, reference_force_N)
-        second_values = _values_at_force(other, second, names, reference_force_N)
-        compared = _compare_independent(first_values, second_values, levels)
+        compared = _compare_independent((posterior, other), names, levels)
     units = [first.parameters[first.names.index(name)].unit for name in names]
     table = pd.DataFrame(
         {
@@ -188,32 +184,44 @@ def compare_posteriors(
         table.attrs["conflict"] = tuple(compared.conflict)
     fits = (fit_of(posterior), fit_of(other))
     table.attrs["fits"] = fits
-    for key, kind in (
-        ("contradicted_priors", ConcernKind.PRIOR),
-        ("doubted_units", ConcernKind.UNIT),
-    ):
+    for key, kind in _CONCERNS_STATED.items():
         table.attrs[key] = tuple(fit.names_of_concerns(kind) for fit in fits)
     table.attrs["differing_parts"] = differing_parts(first.model, second.model)
     return readable(table, f"Second less first, {100 * prob:g} % intervals")
 
 
+def _common_parameters(first: BoundModel, second: BoundModel) -> list[str]:
+    """Return the names of the parameters that two models have, without offsets of the tool ball."""
+    names = []
+    for name, is_offset in zip(first.names, is_tool_ball_offset(first), strict=True):
+        if not is_offset and name in second.names:
+            names.append(name)
+    return names
+
+
 def _compare_jointly(
-    bounds: Sequence[BoundModel],
-    phi: Sequence[Array],
-    rows: Sequence[Mapping[str, Array]],
-    shared: Shared,
-    levels: Array,
+    posteriors: Sequence[xr.DataTree], names: Sequence[str], shared: Shared, levels: Array
 ) -> _Differences:
-    """Return the differences of parameters between two campaigns with effects in common.
+    """Return the differences of the parameters ``names`` between campaigns with common effects.
 
-    The posterior of each difference is taken to be normal.
+    The posterior of each difference is taken to be normal. It is computed at the posterior means of
+    the hyper-parameters, and at the reference force of the first campaign.
 
-    ``bounds`` are the models of the two campaigns. ``phi`` holds, for each campaign, the posterior
-    mean of the h hyper-parameters, shape (h,). ``rows`` holds, for each campaign, what one unit of
-    each coefficient adds to the n compared parameters; see `_rows_at_force`. ``shared`` states what
-    the campaigns have in common. ``levels``, shape (2,), are the probabilities below the lower and
-    the upper end of the credible interval of each difference.
+    ``posteriors`` are those of the two campaigns. ``shared`` states what the campaigns have in
+    common. ``levels``, shape (2,), are the probabilities below the lower and the upper end of the
+    credible interval of each difference. Raise an `InputError` if a posterior is averaged over
+    several models.
     """
+    for posterior in posteriors:
+        _check_single_model(posterior)
+    bounds = [bound_of(posterior) for posterior in posteriors]
+    reference_force_N = bounds[0].setting.reference_force_N
+    phi = []
+    rows = []
+    for posterior, bound in zip(posteriors, bounds, strict=True):
+        _, phi_of_draws = draws_of(posterior, bound)
+        phi.append(phi_of_draws.mean(axis=0))
+        rows.append(_rows_at_force(bound, names, reference_force_N))
     joint = joint_difference(bounds, phi, rows, shared)
     return _Differences(
         means=joint.means,
@@ -225,13 +233,18 @@ def _compare_jointly(
     )
 
 
-def _compare_independent(first: Array, second: Array, levels: Array) -> _Differences:
-    """Return the differences of n parameters between two independent posteriors.
+def _compare_independent(
+    posteriors: Sequence[xr.DataTree], names: Sequence[str], levels: Array
+) -> _Differences:
+    """Return the differences of the parameters ``names`` between two independent posteriors.
 
-    ``first`` and ``second`` are draws of the parameters from the two posteriors, shape (draws, n).
-    ``levels``, shape (2,), are the probabilities below the lower and the upper end of the credible
-    interval of each difference.
+    Both are at the reference force of the first campaign. ``levels``, shape (2,), are the
+    probabilities below the lower and the upper end of the credible interval of each difference.
     """
+    reference_force_N = bound_of(posteriors[0]).setting.reference_force_N
+    first, second = (
+        _values_at_force(posterior, names, reference_force_N) for posterior in posteriors
+    )
     means = np.array([first.mean(axis=0), second.mean(axis=0)])
     rng = np.random.default_rng(0)
     second_draws = second[rng.integers(len(second), size=_DRAWS)]
@@ -345,13 +358,14 @@ def _check_same_machine(campaign: Campaign, other: Campaign, name: str) -> None:
 
 
 def _values_at_force(
-    posterior: xr.DataTree, bound: BoundModel, names: Sequence[str], reference_force_N: float
+    posterior: xr.DataTree, names: Sequence[str], reference_force_N: float
 ) -> Array:
     """Return draws of the n parameters ``names`` at a reference force, shape (draws, n).
 
-    ``bound`` is the model of the posterior, which may have another reference force. Compliances
-    contain what `JointLoad` adds at the force ``reference_force_N`` [N].
+    The model of the posterior may have another reference force. Compliances contain what
+    `JointLoad` adds at the force ``reference_force_N`` [N].
     """
+    bound = bound_of(posterior)
     rows = _rows_at_force(bound, names, reference_force_N)
     beta = draws_of(posterior, bound)[0]
     values = beta @ np.stack([rows[name] for name in bound.names])
