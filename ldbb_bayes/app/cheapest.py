@@ -14,8 +14,9 @@ from ldbb_bayes.analysis.design.certificate_offers import offers_in
 from ldbb_bayes.analysis.design.goals import USUAL_PROBABILITY, goals_in
 from ldbb_bayes.app.fields import RESULT, linear_model, typed_value
 from ldbb_bayes.app.goal_fields import GOAL_PREFIX, goal_texts, goals_typed
+from ldbb_bayes.app.operator_rows import circle_rows, effort_row, pilot_row
 from ldbb_bayes.app.page_words import LANGUAGES, words_of_page
-from ldbb_bayes.app.planning import COST_SLIDERS, circle_rows, effort_row, pilot_row
+from ldbb_bayes.app.sliders import COST_SLIDERS
 from ldbb_bayes.app.understanding import refusal
 from ldbb_bayes.cli.design_options import COST_OPTIONS, DESIGN_OPTIONS
 from ldbb_bayes.cli.goal_designs import files_of_goal_design, find_for_goals

@@ -34,7 +34,16 @@ from campaigns import Invoke
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.discrimination import DECISIVE
 from ldbb_bayes.analysis.design.space import Space
-from ldbb_bayes.app import fields, page_words, planning, server, templates, understanding, worker
+from ldbb_bayes.app import (
+    fields,
+    page_words,
+    planned_tests,
+    planning,
+    server,
+    templates,
+    understanding,
+    worker,
+)
 from ldbb_bayes.app.answering_process import AnsweringProcess
 from ldbb_bayes.app.computation import Computation
 from ldbb_bayes.app.goal_fields import goal_texts, goals_typed, with_goals
@@ -395,10 +404,10 @@ def _information(tests: tuple[lb.CircularTest, ...], space: Space) -> float:
 
 def _best_and_equal_steps(report: Any, asked: dict[str, Any]) -> tuple[float, float]:
     """Return the information of the best tests that the page finds, and of equal steps."""
-    sliders = planning._test_sliders(asked, planning._pilot_of(report).campaign)
-    space = planning._space_of_sliders(report, asked, sliders)
-    best = planning._best_tests(space, sliders)
-    steps = planning._equally_spaced_tests(space, sliders)
+    sliders = planned_tests._sliders_of_tests(asked, planned_tests.pilot_of(report).campaign)
+    space = planned_tests._space_of_sliders(report, asked, sliders)
+    best = planned_tests._best_tests(space, sliders)
+    steps = planned_tests._equally_spaced_tests(space, sliders)
     return _information(best, space), _information(steps, space)
 
 
@@ -406,7 +415,7 @@ def _best_and_equal_steps(report: Any, asked: dict[str, Any]) -> tuple[float, fl
 @pytest.mark.usefixtures("few_states")
 def test_the_best_forces_are_never_worse_than_equal_steps(fitted: Path) -> None:
     """Combinations of the ends of the sliders, one in sixty-four."""
-    report = planning._report_of(fitted)
+    report = planned_tests.report_of(fitted)
     worst = np.inf
     for k, ends in enumerate(product(*ENDS.values())):
         if k % 64 == 9 * (k // 64) % 64:
@@ -422,20 +431,22 @@ def test_equal_steps_are_compared_with_the_model_of_the_tests_found(
 ) -> None:
     """Among candidates with turned balls, the model has effects that the test found does not."""
     asked = {"circles": 1, "high": 400, "work": 3, "turn": 5, "radius": 600, "augment": True}
-    report = planning._report_of(fitted)
-    sliders = planning._test_sliders(asked, planning._pilot_of(report).campaign)
-    space = planning._space_of_sliders(report, asked, sliders)
-    best = planning._best_tests(space, sliders)
+    report = planned_tests.report_of(fitted)
+    sliders = planned_tests._sliders_of_tests(asked, planned_tests.pilot_of(report).campaign)
+    space = planned_tests._space_of_sliders(report, asked, sliders)
+    best = planned_tests._best_tests(space, sliders)
     slightly_worse = (replace(best[0], force_N=390.0),)
     assert _information(slightly_worse, space) < _information(best, space)
-    monkeypatch.setattr(planning, "_equally_spaced_tests", lambda space, sliders: slightly_worse)
-    assert planning._best_tests(space, sliders)[0].force_N == best[0].force_N
+    monkeypatch.setattr(
+        planned_tests, "_equally_spaced_tests", lambda space, sliders: slightly_worse
+    )
+    assert planned_tests._best_tests(space, sliders)[0].force_N == best[0].force_N
 
 
 @pytest.mark.slow
 def test_the_best_forces_of_three_positions_of_each_ball_are_those_of_design(fitted: Path) -> None:
     asked = {"circles": 6, "work": 3, "tool": 3}
-    report = planning._report_of(fitted)
+    report = planned_tests.report_of(fitted)
     best = _best_and_equal_steps(report, asked)[0]
     designed = lb.design(
         lb.HybridModel.default(degree=1),
@@ -444,8 +455,8 @@ def test_the_best_forces_of_three_positions_of_each_ball_are_those_of_design(fit
         forces_N=np.linspace(36.0, 742.0, 20).round(),
         clockings_deg=tuple(product((0.0, 45.0, 90.0), repeat=2)),
     )
-    sliders = planning._test_sliders(asked, planning._pilot_of(report).campaign)
-    space = planning._space_of_sliders(report, asked, sliders)
+    sliders = planned_tests._sliders_of_tests(asked, planned_tests.pilot_of(report).campaign)
+    space = planned_tests._space_of_sliders(report, asked, sliders)
     assert best >= _information(designed.tests, space) - 1e-3
 
 

@@ -15,7 +15,7 @@ from campaigns import Invoke
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design import Costs, GoalDesign
 from ldbb_bayes.app import cheapest, fields, worker
-from ldbb_bayes.app.planning import COST_SLIDERS
+from ldbb_bayes.app.sliders import COST_SLIDERS
 from ldbb_bayes.app.templates import Templates
 from ldbb_bayes.cli.design_options import COST_OPTIONS
 from ldbb_bayes.report.message_translation import in_language

@@ -12,7 +12,7 @@ from campaigns import in_setups, plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.app import requests
-from ldbb_bayes.app.planning import circle_rows, effort_row, pilot_row
+from ldbb_bayes.app.operator_rows import circle_rows, effort_row, pilot_row
 from ldbb_bayes.app.templates import Templates
 
 KEEP = {"en": "Keep one set-up", "de": "Aufspannung beibehalten"}
