@@ -199,6 +199,18 @@ class WeightedPoints(NamedTuple):
     #: (size,)
     log_target: Array
 
+    def followed_by(self, other: WeightedPoints) -> WeightedPoints:
+        """Return these points, and those of ``other`` after them."""
+        return WeightedPoints(
+            np.concatenate([self.points, other.points]),
+            np.concatenate([self.log_weight, other.log_weight]),
+            np.concatenate([self.log_target, other.log_target]),
+        )
+
+    def part(self, places: slice) -> WeightedPoints:
+        """Return the points at the given places in the list."""
+        return WeightedPoints(self.points[places], self.log_weight[places], self.log_target[places])
+
 
 class Redraw(Protocol):
     """Source of independent random points, drawn from a density similar to the target density.
@@ -494,15 +506,6 @@ class RedrawMove:
         stock = self._stock
         while stock is None or len(stock.points) < size:
             fresh = self._redraw.draw(_STOCK, random)
-            if stock is None:
-                stock = fresh
-            else:
-                stock = WeightedPoints(
-                    np.concatenate([stock.points, fresh.points]),
-                    np.concatenate([stock.log_weight, fresh.log_weight]),
-                    np.concatenate([stock.log_target, fresh.log_target]),
-                )
-        self._stock = WeightedPoints(
-            stock.points[size:], stock.log_weight[size:], stock.log_target[size:]
-        )
-        return WeightedPoints(stock.points[:size], stock.log_weight[:size], stock.log_target[:size])
+            stock = fresh if stock is None else stock.followed_by(fresh)
+        self._stock = stock.part(slice(size, None))
+        return stock.part(slice(size))
