@@ -102,14 +102,16 @@ async def _show_section(registry: SessionRegistry, session: Session, request: Re
         understood = await registry.answering_process.ask(
             understand, session, session.typed_texts()
         )
-        session.wrong = understood.get("wrong", [])
+        session.wrong_entries = understood.get("wrong", [])
         values["found"] = understood
     elif name == "worth":
         values["found"] = await registry.answering_process.ask(
             effects_of_certificates, session, session.typed_texts()
         )
     elif name == "plan":
-        values["found"] = await registry.answering_process.ask(forecast, session, session.asked)
+        values["found"] = await registry.answering_process.ask(
+            forecast, session, session.plan_entries
+        )
         values["passages"] = passages_shown(session.search.outcome, session.language)
     elif name == "cheapest":
         values["passages"] = passages_shown(session.search.outcome, session.language)
@@ -316,7 +318,7 @@ async def _show_forecast(registry: SessionRegistry, session: Session, request: R
         return refused(session.word("form"), 422)
     expected = await registry.answering_process.ask(forecast, session, sent)
     if "refused" not in expected:
-        session.asked = sent
+        session.plan_entries = sent
     section = registry.templates.show("forecast.html.j2", session.language, found=expected)
     return HTMLResponse(section)
 
@@ -347,7 +349,7 @@ async def _search(registry: SessionRegistry, session: Session, request: Request)
     # started a search for the cheapest campaign.
     if session.search.running:
         return refused(session.word("searching"), 409)
-    session.searched = sent
+    session.search_entries = sent
     session.search.outcome = refusal
     if "refused" in refusal:
         return JSONResponse({"refused": refusal["refused"], "wrong": refusal.get("wrong", "")})
@@ -427,7 +429,7 @@ async def _send_plan(registry: SessionRegistry, session: Session, name: str) -> 
 
     ``name`` is the name of the file: plan.html for the sheet, plan.zip for the archive.
     """
-    planned = await registry.answering_process.ask(plan, session, session.asked)
+    planned = await registry.answering_process.ask(plan, session, session.plan_entries)
     if "refused" in planned:
         message = str(planned["refused"])
         return refused(in_language(message, session.language) or message, 422)

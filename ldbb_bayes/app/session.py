@@ -38,17 +38,17 @@ class Session:
     #: Texts that the user typed on the page; the keys are the names of the entry fields.
     choices: dict[str, str] = field(default_factory=dict)
     #: Names of the entry fields whose texts could not be used when the files were last read.
-    wrong: list[str] = field(default_factory=list)
+    wrong_entries: list[str] = field(default_factory=list)
     #: Number of changes that the user has made so far to files, entries and language.
     edition: int = 0
-    #: Value that ``edition`` (the number of changes by the user) had when the computation of the
-    #: report was started; -1 if there is no report.
-    fitted: int = -1
-    #: Values of the page's sliders, which describe the plan of the next tests.
-    asked: dict[str, Any] = field(default_factory=dict)
+    #: Value that ``edition`` had when the computation of the report was started; -1 if there is no
+    #: report. The page knows it as ``fitted``.
+    edition_of_report: int = -1
+    #: Values of the sliders and fields of the page that describe the plan of the next tests.
+    plan_entries: dict[str, Any] = field(default_factory=dict)
     #: Texts that the user typed before the last search for the cheapest campaign: goals for
     #: uncertainties, and costs. The keys are the names of the entry fields.
-    searched: dict[str, Any] = field(default_factory=dict)
+    search_entries: dict[str, Any] = field(default_factory=dict)
     #: Time of the last request from the session (browser tab), on the monotonic clock [s].
     last_request_s: float = field(default_factory=time.monotonic)
     #: Identifiers of the browser tabs that show the session; None before the first request.
@@ -140,7 +140,7 @@ class Session:
         return {
             "files": len(self.file_sizes),
             "edition": self.edition,
-            "fitted": self.fitted,
+            "fitted": self.edition_of_report,
             "running": self.fit.running,
             "progress": self.fit.progress,
             "outcome": self.fit.outcome,

@@ -128,8 +128,8 @@ class SessionRegistry:
                 session.forget_search()
                 shutil.rmtree(session.folder / RESULT, ignore_errors=True)
                 (fit.folder / RESULT).rename(session.folder / RESULT)
-                session.fitted = edition
-                session.asked = {}
+                session.edition_of_report = edition
+                session.plan_entries = {}
         except OSError as error:
             fit.outcome = _refusal_of_files(session, error)
 
@@ -147,7 +147,7 @@ class SessionRegistry:
                 campaign = Path(RESULT) / "campaign"
                 copy = search.folder / campaign
                 await asyncio.to_thread(shutil.copytree, session.folder / campaign, copy)
-                outcome = await search.compute(session.searched)
+                outcome = await search.compute(session.search_entries)
             search.outcome = _result_or_refusal(session, search, outcome)
         except OSError as error:
             search.outcome = _refusal_of_files(session, error)

@@ -244,7 +244,7 @@ def test_the_mount_is_shown_in_the_unit_of_its_field(tab: Tab) -> None:
 def test_a_sentence_of_the_report_bears_the_language_of_the_report() -> None:
     outcome = {"converged": True, "state": "USABLE", "alerts": ["Look."], "language": "en"}
     fit = SimpleNamespace(outcome=outcome, running=False)
-    session = SimpleNamespace(fit=fit, file_sizes={"a.csv": 1}, fitted=1)
+    session = SimpleNamespace(fit=fit, file_sizes={"a.csv": 1}, edition_of_report=1)
     page = templates.Templates().show("fit.html.j2", "de", session=session)
     assert '<span lang="en">USABLE</span>' in page
     assert '<ul lang="en"><li>Look.</li>' in page

@@ -202,7 +202,10 @@ def test_what_circles_cost_is_asked_once(fitted: Path) -> None:
         "turns": 0,
     }
     session: Any = SimpleNamespace(
-        fitted=1, edition=1, searched={}, search=SimpleNamespace(outcome={}, running=False)
+        edition_of_report=1,
+        edition=1,
+        search_entries={},
+        search=SimpleNamespace(outcome={}, running=False),
     )
     page = Templates().show("plan.html.j2", "en", session=session, found=outcome, passages=())
     names = re.findall(r'<(?:input|select)[^>]* name="(\w+)"', page)
