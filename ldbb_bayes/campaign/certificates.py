@@ -6,154 +6,34 @@ are later stored in fields of `Instrument`.
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ldbb_bayes.campaign.dsi_units import DCC_WORDS, is_angle, parse_unit
-from ldbb_bayes.errors import InputError, placed, require
+from ldbb_bayes.campaign.bar_certificate import (
+    check_nominal_length,
+    error_of_length,
+    is_of_length,
+    several_errors,
+)
+from ldbb_bayes.campaign.certified_quantity import (
+    METRES_PER_MICROMETRE,
+    CertifiedQuantity,
+    largest_quantity,
+    listed_quantities,
+    only_quantity,
+    title_with_holder,
+    without_rounding,
+)
+from ldbb_bayes.campaign.dsi_units import is_angle
+from ldbb_bayes.errors import InputError, placed
 from ldbb_bayes.results import Shown
 
-__all__ = ["CalibrationCertificate", "CertifiedQuantity"]
+__all__ = ["CalibrationCertificate"]
 
-# Regular expressions that show the role of a certified quantity, that is, what the quantity is,
-# such as a length, a force or a form deviation. The keys are the roles. The role is the key of the
-# first expression that matches the quantity's name or its attribute refType.
-_ROLES: dict[str, str] = DCC_WORDS["roles"]
-_METRES_PER_MICROMETRE = 1e-6
-# Largest number of certified quantities that an error message lists.
-_QUANTITIES_LISTED = 12
-# Pattern of a length in the name of a bar, such as 100 mm.
-_LENGTH_IN_NAME = re.compile(r"(?<![\d.,])(\d+(?:[.,]\d+)?)\s?mm\b")
-# Largest error of a bar's length [µm] that a certificate may state. A larger number is a length.
-_LARGEST_LENGTH_ERROR_UM = 1000.0
-# Two nominal lengths of a ball bar count as equal if they differ by at most this fraction of the
-# length.
-_NOMINAL_TOLERANCE = 1e-3
 # Longest name of a certificate that is written into campaign.toml [characters].
 _LONGEST_LABEL = 200
-
-
-@dataclass(frozen=True)
-class CertifiedQuantity:
-    """One number of a calibration certificate, exactly as the certificate states it.
-
-    ``name`` is the name that the certificate gives the quantity; it is empty if the certificate
-    gives no name. ``value`` is the number.
-    """
-
-    name: str
-    #: attribute refType of the certified quantity, a standardised name of its kind; empty if
-    #: missing
-    ref_type: str
-    #: names and refType attributes of the certificate's XML elements that contain the certified
-    #: quantity, outermost first
-    holders: tuple[str, ...]
-    value: float
-    #: unit of the certified value in the notation of the D-SI (Digital SI), such as \micro\metre;
-    #: None if missing
-    unit: str | None
-    #: expanded uncertainty of the certified value, in the unit of the value; None if the
-    #: certificate states none
-    U: float | None
-    #: coverage factor k of the expanded uncertainty of the certified value, as the certificate
-    #: states it; None if missing
-    k: float | None
-    #: coverage probability of the expanded uncertainty of the certified value, as the certificate
-    #: states it; None if missing
-    coverage: float | None
-
-    @property
-    def title(self) -> str:
-        """Name that error messages use for a quantity of a calibration certificate.
-
-        It is the first of the following names that is not empty:
-
-        - the name of the quantity,
-        - the name or attribute refType of the innermost element that contains the quantity,
-        - the attribute refType of the quantity,
-        - "no name".
-        """
-        for text in (self.name, *reversed(self.holders), self.ref_type):
-            if text:
-                return text
-        return "no name"
-
-    @property
-    def role(self) -> str:
-        """Role of the certified quantity, that is, what the quantity is, such as ``length``.
-
-        The name or the attribute refType of the quantity shows the role. If neither does, the names
-        and refType attributes of the elements that contain the quantity are used. If these do not
-        show the role either, the role is an empty string.
-        """
-        own_text = f"{self.name} {self.ref_type}".lower()
-        holder_text = " ".join(self.holders).lower()
-        for text in (own_text, holder_text):
-            for role, pattern in _ROLES.items():
-                if re.search(pattern, text):
-                    return role
-        return ""
-
-    @property
-    def dimension(self) -> str | None:
-        """Dimension of the certified quantity's unit, such as m or N/bar; None if it is unknown."""
-        size = parse_unit(self.unit)
-        return None if size is None else size.dimension
-
-    def numbers(self, factor: float = 1.0) -> tuple[float, float]:
-        """Return the value of the certified quantity, and its expanded uncertainty U for k = 2.
-
-        U is zero if the certificate states no uncertainty.
-
-        Parameters
-        ----------
-        factor
-            Unit in which the value and U are returned, as a multiple of the SI unit or, for
-            pressures, of 1 bar. For example, 1e-6 returns a length in µm, because 1 µm is 1e-6 m.
-
-        Raises
-        ------
-        InputError
-            For an unknown unit, an uncertainty U without coverage factor k, a negative or infinite
-            U, or a k that is not a positive number.
-        """
-        size = parse_unit(self.unit)
-        if size is None:
-            raise InputError(
-                rf"the unit of {self.title!r} must be of D-SI (like \micro\metre, \milli\metre,"
-                rf" \newton, \percent), got {self.unit!r}. Correct it in a copy."
-            )
-        value = _without_rounding(self.value * size.factor / factor)
-        if self.U is None:
-            return value, 0.0
-        if not self.k:
-            raise InputError(
-                f"{self.title!r} must have a coverage factor k beside U, got none. State U by hand."
-            )
-        require(
-            0.0 <= self.U < math.inf and 0.0 < self.k < math.inf,
-            f"{self.title!r} must have a U that is not negative and a positive coverage factor k,"
-            f" got U = {self.U:g} and k = {self.k:g}. State U by hand.",
-        )
-        U = 2.0 * self.U / self.k
-        return value, _without_rounding(U * size.factor / factor)
-
-    def magnitude(self) -> float:
-        """Return the absolute value of the quantity in SI units or, for a pressure, in bar."""
-        value, _ = self.numbers()
-        return abs(value)
-
-
-def _without_rounding(number: float) -> float:
-    """Return a number rounded to 12 significant digits.
-
-    This removes the rounding errors that the conversion of units causes.
-    """
-    return float(f"{number:.12g}")
 
 
 @dataclass(frozen=True)
@@ -214,7 +94,7 @@ class CalibrationCertificate(Shown):
         """
         lengths = self._quantities_by_role("m")
         quantity = self._bar_quantity(lengths, length_mm)
-        error, U = _error_of_length(quantity, lengths)
+        error, U = error_of_length(quantity, lengths)
         return {
             "length_error_um": error,
             "U_um": U,
@@ -244,13 +124,13 @@ class CalibrationCertificate(Shown):
         if len(candidates) > 1 and length_mm is not None:
             of_length = []
             for quantity in candidates:
-                if _is_of_length(quantity, lengths.get("nominal", []), length_mm):
+                if is_of_length(quantity, lengths.get("nominal", []), length_mm):
                     of_length.append(quantity)
             candidates = of_length or candidates
         if len(candidates) > 1:
-            raise _several_errors(candidates, lengths)
+            raise several_errors(candidates, lengths)
         if length_mm is not None:
-            _check_nominal_length(candidates[0], lengths.get("nominal", []), length_mm)
+            check_nominal_length(candidates[0], lengths.get("nominal", []), length_mm)
         return candidates[0]
 
     def force(self) -> dict[str, Any]:
@@ -278,12 +158,12 @@ class CalibrationCertificate(Shown):
             if scale.dimension == "N":
                 U, source = self._largest_force_error(scale)
             if U:
-                stated["U_percent"] = _without_rounding(100.0 * U / abs(value))
+                stated["U_percent"] = without_rounding(100.0 * U / abs(value))
                 sources.append(source)
         linearity = self._linearity()
         if linearity is not None:
             percent = 100.0 * self._linearity_ratio(linearity)
-            stated["linearity_percent"] = _without_rounding(percent)
+            stated["linearity_percent"] = without_rounding(percent)
             sources.append(linearity)
         if not stated:
             raise InputError(
@@ -300,8 +180,8 @@ class CalibrationCertificate(Shown):
         """
         gains = self._quantities_by_role("N/bar").get("gain", [])
         if gains:
-            return _only_quantity(gains)
-        return _largest_quantity(self._forces())
+            return only_quantity(gains)
+        return largest_quantity(self._forces())
 
     def _forces(self) -> list[CertifiedQuantity]:
         """Return the forces that the calibration certificate states, in the order of the file."""
@@ -316,10 +196,10 @@ class CalibrationCertificate(Shown):
         because the forces of the campaign are not corrected for it. The largest of these amounts is
         returned. ``force`` is the largest certified force.
         """
-        _, largest_N = force.numbers()
+        largest_N = force.numbers().U
         source = force
         for other in self._forces():
-            _, error_N = other.numbers()
+            error_N = other.numbers().U
             if error_N > largest_N:
                 largest_N = error_N
                 source = other
@@ -364,8 +244,8 @@ class CalibrationCertificate(Shown):
         for deviation in deviations:
             reference = largest
             if deviation.dimension == "N":
-                value_N, _ = deviation.numbers()
-                distances = [abs(value_N - force.numbers()[0]) for force in forces]
+                value_N = deviation.numbers().value
+                distances = [abs(value_N - force.numbers().value) for force in forces]
                 reference = forces[distances.index(min(distances))]
             pairs.append((deviation, reference))
         return pairs
@@ -394,7 +274,7 @@ class CalibrationCertificate(Shown):
         size = linearity.magnitude()
         if linearity.dimension == "":
             return size
-        largest_force = _largest_quantity(self._forces())
+        largest_force = largest_quantity(self._forces())
         if largest_force is None or not largest_force.magnitude():
             raise InputError(
                 f"{linearity.title!r} in newtons must come with forces, got none. Give"
@@ -412,7 +292,7 @@ class CalibrationCertificate(Shown):
         largest_bound = 0.0
         quantity = None
         for deviation in self._quantities_by_role("m").get("form", []):
-            value, U = deviation.numbers(_METRES_PER_MICROMETRE)
+            value, U = deviation.numbers(METRES_PER_MICROMETRE)
             if quantity is None or value + U >= largest_bound:
                 largest_bound = value + U
                 quantity = deviation
@@ -422,7 +302,7 @@ class CalibrationCertificate(Shown):
                 f" {self._quantities_in_words()}. Give sphericity_um by hand."
             )
         return {
-            "sphericity_um": _without_rounding(largest_bound),
+            "sphericity_um": without_rounding(largest_bound),
             "certificate": self._certificate_name(quantity),
         }
 
@@ -445,7 +325,7 @@ class CalibrationCertificate(Shown):
         The name has at most 200 characters. It consists of the file's name, the identifier of the
         certificate and the names of ``quantities``, the certified quantities that are used.
         """
-        titles = ", ".join(_title_with_holder(quantity) for quantity in quantities)
+        titles = ", ".join(title_with_holder(quantity) for quantity in quantities)
         text = f"{self.path.name}, DCC {self.identifier}: {titles}"
         label = ""
         for sign in text[:_LONGEST_LABEL]:
@@ -454,7 +334,7 @@ class CalibrationCertificate(Shown):
 
     def _quantities_in_words(self) -> str:
         """Return the names and units of the certificate's quantities as text, for messages."""
-        return _listed(self.quantities) or "no number at all"
+        return listed_quantities(self.quantities) or "no number at all"
 
 
 def _force_error_N(deviation: CertifiedQuantity, reference: CertifiedQuantity) -> float:
@@ -472,185 +352,3 @@ def _force_error_N(deviation: CertifiedQuantity, reference: CertifiedQuantity) -
     elif abs(deviation_N - reference_N) < abs(deviation_N):
         deviation_N -= reference_N
     return abs(deviation_N) + (U_N or reference_U_N)
-
-
-def _error_of_length(
-    quantity: CertifiedQuantity, lengths: Mapping[str, list[CertifiedQuantity]]
-) -> tuple[float, float]:
-    """Return the amount by which a bar's readings are too large, and its uncertainty U, in µm.
-
-    U is the expanded uncertainty (k = 2) of this amount. An indication or deviation of more than
-    1 mm is a length, from which the nominal length is subtracted. Raise an `InputError` if the
-    certificate gives no uncertainty, if the error is above 1 mm, or if the nominal length is needed
-    but is not unique.
-
-    Parameters
-    ----------
-    quantity
-        Certified quantity from which the error is computed.
-    lengths
-        Dictionary of lists of all certified lengths; the keys are roles such as ``nominal``.
-    """
-    value, U = quantity.numbers(_METRES_PER_MICROMETRE)
-    if not U:
-        raise InputError(
-            f"{quantity.title!r} must have an uncertainty, got none. Give U_um by hand."
-        )
-    nominals = lengths.get("nominal", [])
-    is_length = quantity.role == "length" or abs(value) > _LARGEST_LENGTH_ERROR_UM
-    if is_length and nominals:
-        nominals_beside = [one for one in nominals if one.holders == quantity.holders]
-        nominal, _ = _only_quantity(nominals_beside or nominals).numbers(_METRES_PER_MICROMETRE)
-        value -= nominal
-    require(
-        abs(value) <= _LARGEST_LENGTH_ERROR_UM,
-        f"the error of the bar's length must be at most {_LARGEST_LENGTH_ERROR_UM:g} µm, got"
-        f" {value:g} µm from {quantity.title!r}. Give length_error_um and U_um by hand.",
-    )
-    # A bar that is too long gives readings that are too small.
-    error = value if quantity.role == "indication" else 0.0 - value
-    return _without_rounding(error), U
-
-
-def _is_of_length(
-    quantity: CertifiedQuantity, nominals: Sequence[CertifiedQuantity], length_mm: float
-) -> bool:
-    """Return whether a certified quantity belongs to a bar of the nominal length ``length_mm``.
-
-    This is so in two cases:
-
-    - The length is part of the quantity's name, or of the name of an XML element that contains the
-      quantity. An example is ``Bar 100 mm``.
-    - The XML element that contains the quantity also contains one of the certified lengths
-      ``nominals``, and this nominal length equals ``length_mm``.
-    """
-    texts = " ".join((*quantity.holders, quantity.name))
-    for match in _LENGTH_IN_NAME.finditer(texts):
-        if _is_close(float(match[1].replace(",", ".")), length_mm):
-            return True
-    lengths_beside_mm = _nominal_lengths_beside_mm(quantity, nominals)
-    return any(_is_close(nominal_mm, length_mm) for nominal_mm in lengths_beside_mm)
-
-
-def _nominal_lengths_beside_mm(
-    quantity: CertifiedQuantity, nominals: Sequence[CertifiedQuantity]
-) -> list[float]:
-    """Return the nominal lengths [mm] in the XML element that contains a certified quantity."""
-    lengths_mm = []
-    for nominal in nominals:
-        if nominal.holders == quantity.holders and nominal.dimension == "m":
-            lengths_mm.append(1e3 * nominal.magnitude())
-    return lengths_mm
-
-
-def _check_nominal_length(
-    quantity: CertifiedQuantity, nominals: Sequence[CertifiedQuantity], length_mm: float
-) -> None:
-    """Raise an `InputError` if a certified error belongs to a bar of another nominal length.
-
-    This is so if the XML element that contains the ``quantity`` also contains certified nominal
-    lengths, and none of them equals ``length_mm``. ``nominals`` are all nominal lengths.
-    """
-    lengths_beside_mm = _nominal_lengths_beside_mm(quantity, nominals)
-    if not lengths_beside_mm or _is_of_length(quantity, nominals, length_mm):
-        return
-    lengths_mm = " and ".join(f"{nominal_mm:g}" for nominal_mm in lengths_beside_mm)
-    raise InputError(
-        f"the DCC must be of a bar of radius_mm = {length_mm:g}, got {lengths_mm} mm beside"
-        f" {quantity.title!r}. Give the DCC of the bar that was used, or its numbers by hand."
-    )
-
-
-def _is_close(length_mm: float, nominal_mm: float) -> bool:
-    """Return whether a certified length equals a bar's nominal length to within 0.1 %."""
-    return abs(length_mm - nominal_mm) <= _NOMINAL_TOLERANCE * nominal_mm
-
-
-def _several_errors(
-    candidates: Sequence[CertifiedQuantity], lengths: Mapping[str, list[CertifiedQuantity]]
-) -> InputError:
-    """Return the `InputError` for a certificate that states several errors of a bar's length.
-
-    The message lists the first twelve errors. For each of them, it gives a name that distinguishes
-    the error from the others, and the two numbers that the user may enter instead of the
-    certificate: length_error_um and U_um. If one of these errors has no uncertainty, an
-    `InputError` about this error is raised instead. ``candidates`` holds the certified quantities
-    that state the errors. ``lengths`` is a dictionary of lists of all certified lengths; its keys
-    are roles such as ``nominal``.
-    """
-    texts = []
-    for quantity in candidates[:_QUANTITIES_LISTED]:
-        error, U = _error_of_length(quantity, lengths)
-        name = _distinguishing_name(quantity, candidates)
-        texts.append(f"{name!r} (length_error_um {error:g}, U_um {U:g})")
-    return InputError(
-        f"the DCC must state the error of the bar's length once, got {', '.join(texts)}. Give these"
-        " two numbers of the right one by hand instead of the DCC; of bars of several lengths"
-        " radius_mm chooses where campaign.toml names the DCC."
-    )
-
-
-def _distinguishing_name(quantity: CertifiedQuantity, others: Sequence[CertifiedQuantity]) -> str:
-    """Return a string that distinguishes a certified quantity from the quantities ``others``.
-
-    The string consists of the names of the XML elements that contain the quantity, followed by the
-    name of the quantity. Names that occur in all of ``others`` are left out. If no name remains,
-    return the quantity's title.
-    """
-    names = []
-    for name in (*quantity.holders, quantity.name):
-        n_with_name = sum(name in (*other.holders, other.name) for other in others)
-        if name and n_with_name < len(others):
-            names.append(name)
-    return ", ".join(dict.fromkeys(names)) or quantity.title
-
-
-def _title_with_holder(quantity: CertifiedQuantity) -> str:
-    """Return a string that names a certified quantity and an XML element that contains it.
-
-    An example is "Bar: length error". The element is the innermost element whose name contains no
-    underscore, because names with underscores are technical. If there is no such element, or if the
-    quantity has no name, return the title of the quantity alone.
-    """
-    if quantity.name:
-        for holder in reversed(quantity.holders):
-            if "_" not in holder:
-                return f"{holder}: {quantity.title}"
-    return quantity.title
-
-
-def _largest_quantity(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity | None:
-    """Return the certified quantity with the largest absolute value.
-
-    If several quantities are equally large, return the last of them. Return None if ``quantities``
-    is empty.
-    """
-    if not quantities:
-        return None
-    return sorted(quantities, key=CertifiedQuantity.magnitude)[-1]
-
-
-def _only_quantity(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity:
-    """Return the only certified quantity in ``quantities``, such as the gain of a force device.
-
-    Raise an `InputError` unless ``quantities`` has exactly one entry.
-    """
-    require(
-        len(quantities) == 1,
-        f"{_listed(quantities[:1])} must stand there once, got {_listed(quantities)}. Give the"
-        " right one by hand.",
-    )
-    return quantities[0]
-
-
-def _listed(quantities: Sequence[CertifiedQuantity]) -> str:
-    """Return the names and units of certified quantities as one line of text, for messages.
-
-    If there are more than twelve different entries, the first twelve are listed, followed by the
-    number of entries left out.
-    """
-    texts = list(dict.fromkeys(f"{quantity.title!r} ({quantity.unit})" for quantity in quantities))
-    listed = ", ".join(texts[:_QUANTITIES_LISTED])
-    if len(texts) > _QUANTITIES_LISTED:
-        listed += f" and {len(texts) - _QUANTITIES_LISTED} more"
-    return listed

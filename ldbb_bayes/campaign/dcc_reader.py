@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import TypeVar
 from xml.etree import ElementTree
 
-from ldbb_bayes.campaign.certificates import CalibrationCertificate, CertifiedQuantity
+from ldbb_bayes.campaign.certificates import CalibrationCertificate
+from ldbb_bayes.campaign.certified_quantity import CertifiedQuantity
 from ldbb_bayes.campaign.dsi_units import parse_unit
 from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.files import bytes_of, xml_of
