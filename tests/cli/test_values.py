@@ -11,7 +11,7 @@ from typer.models import CommandInfo
 
 import ldbb_bayes as lb
 from ldbb_bayes.cli import app
-from ldbb_bayes.cli.arguments import _model_options
+from ldbb_bayes.cli.chosen_model import model_options
 from ldbb_bayes.cli.file_reports import _next_tests
 from ldbb_bayes.cli.goal_designs import running_order
 from ldbb_bayes.cli.questions import _read_topology
@@ -78,7 +78,7 @@ def test_a_topology_needs_the_axes_of_the_tested_planes() -> None:
 
 
 def test_help_of_without_lists_every_term() -> None:
-    help_text = _model_options()["without"].help
+    help_text = model_options()["without"].help
     for kind in lb.terms.Term.kinds.values():
         if kind.__module__.startswith("ldbb_bayes."):
             assert kind.key() in help_text
