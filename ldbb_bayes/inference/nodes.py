@@ -86,10 +86,13 @@ _LEAST_SD_SHARE = 1e-6
 
 
 class HyperPosterior:
-    """Posterior density of the hyper-parameters φ given the readings y, in unbounded coordinates.
+    """Posterior density of the hyper-parameters φ given the readings y, in free coordinates.
 
-    φ are the h hyper-parameters, such as the standard deviation of the noise. Unbounded
-    coordinates, here called free, are mostly ln(φ − lower bound).
+    Searches and integrals use two things that are easier to compute with. The smooth density is the
+    posterior density with a smooth upper bound in place of P(T | y, φ); without truncation, it is
+    the posterior density itself. Normal scores are coordinates in which every prior is standard
+    normal, except the priors of factors that multiply the noise of single circles
+    (`normal_scores`).
 
     Parameters
     ----------
@@ -125,12 +128,7 @@ class HyperPosterior:
 
     @cached_property
     def _scores(self) -> NormalScores:
-        """Transformation between normal scores and unbounded coordinates of hyper-parameters.
-
-        In normal scores, every prior is standard normal, except the priors of factors that multiply
-        the noise of single circles. The unbounded coordinate of a hyper-parameter is in most cases
-        ln(value − lower bound).
-        """
+        """Transformation between normal scores and free coordinates of the hyper-parameters."""
         return NormalScores(self.bound.hyper_prior)
 
     @cached_property
@@ -138,11 +136,7 @@ class HyperPosterior:
         """Modes (maxima) of the smooth posterior density, the highest first.
 
         There are at most three modes, or four if the mode of a similar density (``near``) was
-        given. If the field ``truncated`` is true, one factor of the posterior density is the
-        probability that no compliance is negative. The smooth density has a smooth upper bound in
-        place of this probability. It is a function of the normal scores of the h hyper-parameters
-        (module `normal_scores`). In these coordinates every prior is standard normal, except the
-        priors of factors that multiply the noise of single circles.
+        given. The density is a function of the normal scores of the h hyper-parameters.
         """
         return self._search.modes(self._starts())
 
@@ -156,12 +150,8 @@ class HyperPosterior:
     def mode(self) -> Array:
         """Values of the h hyper-parameters φ where the smooth density is highest, shape (h,).
 
-        The values are returned in unbounded coordinates, which for most hyper-parameters are ln(φ −
-        lower bound). The density, however, is that of the normal scores: other coordinates, in
-        which every prior is standard normal, except the priors of factors that multiply the noise
-        of single circles. If the field ``truncated`` is true, one factor of the posterior density
-        is the probability that no compliance is negative. The smooth density has a smooth upper
-        bound in place of this probability.
+        The values are returned in free coordinates. The density, however, is that of the normal
+        scores, which are other coordinates.
         """
         return self._scores.free(self.modes[0][0])
 
@@ -244,23 +234,19 @@ class HyperPosterior:
     def _integral(self, tolerance: float) -> Integral:
         """Return the integral of the smooth posterior density, computed once for each tolerance.
 
-        If the field ``truncated`` is true, one factor of the posterior density is the probability
-        that no compliance is negative. The smooth density has a smooth upper bound in place of this
-        probability. ``tolerance`` is the error allowed in the log integral [nat].
+        ``tolerance`` is the error allowed in the log integral [nat].
         """
         if tolerance not in self._integrals:
             self._integrals[tolerance] = self._integrate(tolerance)
         return self._integrals[tolerance]
 
     def _integrate(self, tolerance: float, *, step: float | None = None) -> Integral:
-        """Return the integral of the smooth posterior density, with nodes in unbounded coordinates.
+        """Return the integral of the smooth posterior density, with nodes in free coordinates.
 
-        If the field ``truncated`` is true, one factor of the posterior density is the probability
-        that no compliance is negative. The smooth density has a smooth upper bound in place of this
-        probability. ``tolerance`` is the error allowed in the log integral [nat]; if it is not
-        reached, the integral states its larger error. ``step`` is the first spacing of the nodes if
-        they form a lattice, in standard deviations of the Gaussian fitted at the highest mode; by
-        default, it is computed from the tolerance.
+        ``tolerance`` is the error allowed in the log integral [nat]; if it is not reached, the
+        integral states its larger error. ``step`` is the first spacing of the nodes if they form a
+        lattice, in standard deviations of the Gaussian fitted at the highest mode; by default, it
+        is computed from the tolerance.
         """
         integral = integrate(
             self._smooth_log_density,
@@ -503,11 +489,7 @@ class HyperPosterior:
     def _smooth_log_density(self, scores: Array) -> Array:
         """Return the log of the smooth posterior density of normal scores at w points, shape (w,).
 
-        ``scores``, shape (w, h), holds the normal scores of the h hyper-parameters. In these
-        coordinates every prior is standard normal, except the priors of factors that multiply the
-        noise of single circles. If the field ``truncated`` is true, one factor of the posterior
-        density is the probability that no compliance is negative. The smooth density has a smooth
-        upper bound in place of this probability.
+        ``scores``, shape (w, h), holds the normal scores of the h hyper-parameters.
         """
         phi = self.bound.hyper_prior.phi(self._scores.free(scores))
         return self._add_likelihood(self._scores.log_prior(scores), phi, smooth=True)
