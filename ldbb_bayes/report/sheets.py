@@ -329,20 +329,7 @@ def _table_with_U(
 
     The columns are value, U (k = 2), unit and remark. ``caption`` is the caption of the table.
     """
-    words = numbers.words
-    rows = []
-    for quantity in quantities:
-        statement = quantity.value_and_U()
-        rows.append(
-            (
-                quantity.words,
-                quantity.symbol,
-                words.number(statement.value),
-                words.number(statement.expanded),
-                words.unit(display_unit(quantity.unit)[1]),
-                remark(quantity, words),
-            )
-        )
+    rows = [_cells(quantity, numbers.words) for quantity in quantities]
     return _table(numbers, caption, ("quantity", "symbol", "value", "U", "unit", "remark"), rows)
 
 
@@ -361,24 +348,30 @@ def _table_with_intervals(
     words = numbers.words
     rows = []
     for quantity, other in zip(quantities, in_brackets, strict=True):
-        statement = quantity.value_and_U()
         interval = "–"
         if not other.is_exactly_none:
             low, high = quantity.ends_of(other.interval)
             interval = words("interval", low=low, high=high)
-        rows.append(
-            (
-                quantity.words,
-                quantity.symbol,
-                words.number(statement.value),
-                words.number(statement.expanded),
-                words.number(interval),
-                words.unit(display_unit(quantity.unit)[1]),
-                remark(quantity, words),
-            )
-        )
+        rows.append(_cells(quantity, words, words.number(interval)))
     keys = ("quantity", "symbol", "value", "U", "interval", "unit", "remark")
     return _table(numbers, "", keys, rows)
+
+
+def _cells(quantity: StatedQuantity, words: Words, *interval: str) -> tuple[str, ...]:
+    """Return the row of a quantity: name, symbol, value, U (k = 2), interval, unit and remark.
+
+    ``interval`` is the text of the credible interval; there is no such cell if it is left out.
+    """
+    statement = quantity.value_and_U()
+    return (
+        quantity.words,
+        quantity.symbol,
+        words.number(statement.value),
+        words.number(statement.expanded),
+        *interval,
+        words.unit(display_unit(quantity.unit)[1]),
+        remark(quantity, words),
+    )
 
 
 def _table(
