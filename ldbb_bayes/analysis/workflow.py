@@ -32,7 +32,8 @@ from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.inference.posterior import bound_of, fit_of, record_of
 from ldbb_bayes.inference.prior_prediction import prior_circles
 from ldbb_bayes.inference.sample import sample
-from ldbb_bayes.model.hybrid import DEGREE_NAMES, HybridModel
+from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.model.parameter_kinds import DEGREE_NAMES
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, Result
 

@@ -26,7 +26,7 @@ from ldbb_bayes.cli.output import drawing
 from ldbb_bayes.cli.progress import counting_progress
 from ldbb_bayes.cli.values import pairs_in
 from ldbb_bayes.errors import require
-from ldbb_bayes.model.hybrid import DEGREE_NAMES
+from ldbb_bayes.model.parameter_kinds import DEGREE_NAMES
 from ldbb_bayes.parallel import executor_named, second_process
 from ldbb_bayes.report import wording
 from ldbb_bayes.results import parts_of

@@ -72,10 +72,7 @@ from ldbb_bayes.model.truncation import Truncation
 from ldbb_bayes.results import Array, Result, Shown
 from ldbb_bayes.units import display_unit, inside_name
 
-__all__ = ["DEGREE_NAMES", "BoundModel", "HybridModel", "Preset", "require_model"]
-
-# Names of the models in which compliance is a polynomial in force of degree 0, 1 and 2.
-DEGREE_NAMES = ("constant", "linear", "quadratic")
+__all__ = ["BoundModel", "HybridModel", "Preset", "require_model"]
 
 Preset = Literal["default", "first", "paper"]
 # Hyper-parameter that every model has: the standard deviation σ of the readings' white noise.

@@ -18,6 +18,7 @@ from ldbb_bayes.units import is_compliance_or_slope, to_inside
 
 __all__ = [
     "COMPLIANCE_KINDS",
+    "DEGREE_NAMES",
     "EXAMPLES",
     "GEOMETRIC_KINDS",
     "ParameterKind",
@@ -31,6 +32,10 @@ __all__ = [
     "parameter_to_inside",
     "settings_of_sd",
 ]
+
+
+# Names of the models in which compliance is a polynomial in force of degree 0, 1 and 2.
+DEGREE_NAMES = ("constant", "linear", "quadratic")
 
 
 class ParameterKind(NamedTuple):

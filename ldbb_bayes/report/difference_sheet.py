@@ -10,7 +10,7 @@ from ldbb_bayes.analysis.common_effects import Shared
 from ldbb_bayes.analysis.parameter_changes import changed_parameters, differences_can_be_used
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.inference.posterior import campaign_of
-from ldbb_bayes.model.hybrid import DEGREE_NAMES
+from ldbb_bayes.model.parameter_kinds import DEGREE_NAMES
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.annex_translation import annex_translation
 from ldbb_bayes.report.blocks import Banner, Block, Fields, Items, ReportSheet

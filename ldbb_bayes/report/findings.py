@@ -27,7 +27,7 @@ from ldbb_bayes.campaign.preview import CampaignPreview, check_campaign, preview
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import campaign_of, model_of, record_of
 from ldbb_bayes.inference.summary import summarize
-from ldbb_bayes.model.hybrid import DEGREE_NAMES
+from ldbb_bayes.model.parameter_kinds import DEGREE_NAMES
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.fit_record import full_result
 from ldbb_bayes.units import U_PROBABILITY

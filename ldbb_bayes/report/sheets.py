@@ -9,7 +9,7 @@ from typing import Any
 from ldbb_bayes.analysis.machine_description import describe_machine
 from ldbb_bayes.campaign.tested_forces import force_to_state
 from ldbb_bayes.inference.posterior import bound_of, campaign_of
-from ldbb_bayes.model.hybrid import DEGREE_NAMES
+from ldbb_bayes.model.parameter_kinds import DEGREE_NAMES
 from ldbb_bayes.report.blocks import Block, Fields, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.figure_translation import translate_figure
 from ldbb_bayes.report.figures.circle_figures import MOST_BANDS

@@ -43,7 +43,7 @@ from ldbb_bayes.fleet.campaign_row import Job, Settings, fit_row
 from ldbb_bayes.fleet.selection import CaveatKind, choose
 from ldbb_bayes.inference.checks import Check, CheckKind
 from ldbb_bayes.inference.fit import Concern, ConcernKind
-from ldbb_bayes.model.hybrid import DEGREE_NAMES
+from ldbb_bayes.model.parameter_kinds import DEGREE_NAMES
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.model.terms.base import Uncertainty
 from ldbb_bayes.reading.assumptions import Assumption

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from ldbb_bayes.model.hybrid import DEGREE_NAMES
+from ldbb_bayes.model.parameter_kinds import DEGREE_NAMES
 from ldbb_bayes.report.wording.effect_names import joined
 from ldbb_bayes.report.wording.fixed_texts import SENTENCES
 from ldbb_bayes.report.wording.number_words import SURE

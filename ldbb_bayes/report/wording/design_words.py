@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ldbb_bayes.model.hybrid import DEGREE_NAMES
+from ldbb_bayes.model.parameter_kinds import DEGREE_NAMES
 from ldbb_bayes.report.wording.degeneracy_words import degeneracy_items
 from ldbb_bayes.report.wording.effect_names import joined, joined_sizes
 from ldbb_bayes.report.wording.fixed_texts import SENTENCES

@@ -9,7 +9,7 @@ from ldbb_bayes.analysis.parameter_changes import (
     changed_parameters,
     differences_can_be_used,
 )
-from ldbb_bayes.model.hybrid import DEGREE_NAMES
+from ldbb_bayes.model.parameter_kinds import DEGREE_NAMES
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.report.wording.effect_names import joined, joined_parameters
 from ldbb_bayes.report.wording.fixed_texts import PAGE
