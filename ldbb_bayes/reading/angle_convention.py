@@ -90,6 +90,9 @@ _NO_AXIS = re.compile(_WORDS["no_axis"], re.IGNORECASE)
 # Regular expression for a column header that means an angle with the opposite sign, such as
 # "-angle".
 _MINUS = re.compile(_WORDS["minus"], re.IGNORECASE)
+# Regular expression for words in a header, such as "travelled", which mean that angles are counted
+# in the direction of travel.
+_TRAVELLED = re.compile(_WORDS["travelled"], re.IGNORECASE)
 # Regular expression for words that mean an angle.
 _ANGLE = re.compile(_WORDS["angle"], re.IGNORECASE)
 # Regular expression for words which show that an axis in the same text is not the axis at which
@@ -172,9 +175,39 @@ def angle_convention(recording: Recording, plane: str) -> AngleConvention:
         recording, "sense", [entry.sense for entry in words]
     )
     _note_unread(recording, plane, zero, sense)
-    if not zero and not sense:
-        return AngleConvention(1, 0.0)
+    if not sense and _sense_of_travelled_angle(recording):
+        return _convention_along_travel(recording, plane, words, zero)
     return _convention_in_words(recording, plane, words, zero, sense)
+
+
+def _sense_of_travelled_angle(recording: Recording) -> str:
+    """Return the direction of travel if the header says that angles are counted along the travel.
+
+    Such a header is ``Travelled angle [deg]``. The result is CW or CCW; it is empty for any other
+    header, and if nothing states the direction of travel.
+    """
+    header = _header_of_angles(recording)
+    if not _TRAVELLED.search(name_as_words(header)):
+        return ""
+    return recording.fields.get("direction") or ""
+
+
+def _convention_along_travel(
+    recording: Recording, plane: str, words: list[_AngleStatement], zero: str
+) -> AngleConvention:
+    """Return the convention of angles that are counted in the direction of travel.
+
+    ``zero`` is the axis at which angles begin; if it is empty, it is the plane's first axis. A note
+    is added for the header of the angles, and for each of the statements about angles in ``words``.
+    The sense is not stored in the layout, because other tests may run in the other direction.
+    """
+    zero = zero or f"+{plane[0]}"
+    sense = _sense_of_travelled_angle(recording)
+    sources = [f"the header {_header_of_angles(recording)!r}", *(entry.source for entry in words)]
+    for source in sources:
+        recording.note("angle", f"from {zero}, {sense}", source, "--angle-zero, --angle-sense")
+    sign = -1 if sense == "CW" else 1
+    return AngleConvention(sign, -sign * angle_of_axis(recording, zero, plane))
 
 
 def _note_unread(recording: Recording, plane: str, zero: str, sense: str) -> None:
@@ -243,8 +276,10 @@ def _convention_in_words(
     If ``zero`` is empty, the plane's first axis is assumed. If ``sense`` is empty,
     counter-clockwise is assumed, but only for angles that begin at the plane's first axis; for any
     other axis, raise an `OpenQuestionError`. ``words`` are the statements about angles in the file;
-    a note is added for each of them.
+    a note is added for each of them. If both are empty, nothing is noted.
     """
+    if not zero and not sense:
+        return AngleConvention(1, 0.0)
     first_axis = f"+{plane[0]}"
     zero = zero or first_axis
     if not sense and zero != first_axis:
@@ -315,9 +350,7 @@ def _statements_about_angles(recording: Recording) -> list[_AngleStatement]:
     the column of angles, lines above the table, lines that concern all tests, and the names of
     test, sheet and file.
     """
-    header = ""
-    if "angle" in recording.heading.roles:
-        header = recording.heading.headers[recording.heading.roles["angle"]]
+    header = _header_of_angles(recording)
     text = name_as_words(header)
     words = [_statement_about_angles(recording, f"the header {header!r}", text, is_header=True)]
     for line, content in recording.lines_outside:
@@ -332,6 +365,12 @@ def _statements_about_angles(recording: Recording) -> list[_AngleStatement]:
             text = name_as_words(name)
             words.append(_statement_about_angles(recording, "its name", text, is_header=False))
     return [entry for entry in words if entry.zero or entry.sense]
+
+
+def _header_of_angles(recording: Recording) -> str:
+    """Return the header of the column of angles; empty if the table has no such column."""
+    column = recording.heading.roles.get("angle")
+    return "" if column is None else recording.heading.headers[column]
 
 
 def _check_turned_axes(recording: Recording, plane: str) -> None:

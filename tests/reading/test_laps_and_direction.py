@@ -83,3 +83,37 @@ def test_falling_angles_headed_clockwise_are_asked_for_where_the_machine_ran_so(
     (test,) = lb.import_campaign(path, layout=layout).campaign.tests
     assert test.direction == "CW"
     assert test.angle_deg[1] - test.angle_deg[0] == pytest.approx(-10.0)
+
+
+@pytest.mark.parametrize(
+    ("header", "direction", "sign"),
+    [
+        ("Travelled angle [deg]", "CW", -1.0),
+        ("Travelled angle [deg]", "CCW", 1.0),
+        ("Zurückgelegter Winkel [°]", "CW", -1.0),
+        ("Angle [deg]", "CW", 1.0),
+    ],
+)
+def test_a_travelled_angle_is_counted_in_the_direction_of_travel(
+    tmp_path: Path, header: str, direction: str, sign: float
+) -> None:
+    path = written(tmp_path, direction, CCW_OF_TWO_LAPS[:72])
+    path.write_text(path.read_text().replace("angle_deg", header), encoding="utf-8")
+    (test,) = lb.import_campaign(path).campaign.tests
+    np.testing.assert_allclose(test.angle_deg, sign * CCW_OF_TWO_LAPS[:72])
+
+
+def test_travelled_angles_of_both_directions_are_counted_each_its_own_way(tmp_path: Path) -> None:
+    paths = []
+    for direction in ("CW", "CCW"):
+        folder = tmp_path / direction
+        folder.mkdir()
+        path = written(folder, direction, CCW_OF_TWO_LAPS[:72], above="Force: 300 N")
+        path.write_text(path.read_text().replace("angle_deg", "Travelled angle [deg]"))
+        paths.append(path.rename(folder / f"{direction}.csv"))
+    imported = lb.import_campaign(paths)
+    clockwise, counter_clockwise = imported.campaign.tests
+    np.testing.assert_allclose(clockwise.angle_deg, -counter_clockwise.angle_deg)
+    assert imported.layout.angle_sense is None
+    again = lb.import_campaign(paths, layout=imported.layout).campaign
+    np.testing.assert_allclose(again.tests[0].angle_deg, clockwise.angle_deg)
