@@ -27,7 +27,11 @@ from ldbb_bayes.reading.numerals import (
     number_in_text,
 )
 from ldbb_bayes.reading.planes import plane_named
-from ldbb_bayes.reading.programmed_circles import programmed_arcs, programs_arc
+from ldbb_bayes.reading.programmed_circles import (
+    programmed_arcs,
+    programs_arc,
+    radius_beside_feed,
+)
 from ldbb_bayes.reading.travel_direction import NAMES_DIRECTION, directions_stated
 from ldbb_bayes.reading.unit_lines import units_stated
 from ldbb_bayes.reading.words import (
@@ -259,14 +263,29 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
         in_words = {**units_stated(text), **measured_length_stated(text)}
         for key, words in (*_stated_in_words(text), *in_words.items()):
             statements.setdefault(key, []).append(LineStatement(words, "", line))
+    for field, statement in _programmed_numbers(lines):
+        statements.setdefault(field, []).append(statement)
+    return statements
+
+
+def _programmed_numbers(lines: Lines) -> Iterator[tuple[str, LineStatement]]:
+    """Yield the radii and feeds that lines of G-code state.
+
+    Each item is a pair: the name of the field, such as ``programmed_radius_mm``, and an object with
+    the number in the unit of the field.
+    """
     for arc in programmed_arcs(lines):
         if arc.radius_mm is not None:
-            statement = LineStatement(arc.radius_mm, "mm", arc.line)
-            statements.setdefault("programmed_radius_mm", []).append(statement)
+            yield "programmed_radius_mm", LineStatement(arc.radius_mm, "mm", arc.line)
         if arc.feed is not None:
             statement = LineStatement(arc.feed.mm_per_min, "mm/min", arc.feed.line)
-            statements.setdefault("programmed_feed_mm_per_min", []).append(statement)
-    return statements
+            yield "programmed_feed_mm_per_min", statement
+    for line, text in lines:
+        words = radius_beside_feed(text)
+        if words is not None:
+            radius_mm, feed_mm_per_min = words
+            yield "programmed_radius_mm", LineStatement(radius_mm, "mm", line)
+            yield "programmed_feed_mm_per_min", LineStatement(feed_mm_per_min, "mm/min", line)
 
 
 def _numbers_stated(

@@ -16,7 +16,13 @@ from typing import NamedTuple
 
 from ldbb_bayes.reading.words import LONGEST_TEXT
 
-__all__ = ["ProgrammedArc", "ProgrammedFeed", "programmed_arcs", "programs_arc"]
+__all__ = [
+    "ProgrammedArc",
+    "ProgrammedFeed",
+    "programmed_arcs",
+    "programs_arc",
+    "radius_beside_feed",
+]
 
 _NUMBER = r"[+\-]?(?:\d+\.?\d*|\.\d+)"
 # Regular expression for the word that begins an arc, G2 or G3. It matches only if a word for an
@@ -47,6 +53,14 @@ _FEED = re.compile(r"(?<![A-Za-z])F\s?=?\s?(?P<number>\d+\.?\d*)", re.IGNORECASE
 _FEED_IS_NO_SPEED = re.compile(r"(?<![A-Za-z\d])G9[35](?![\d.])", re.IGNORECASE)
 # Regular expression for the radius of an arc in a block of an NC programme, such as R100 or CR=100.
 _RADIUS = re.compile(rf"(?<![A-Za-z])C?R\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
+# Regular expressions for a line that holds only the words R and F of G-code, such as R100 F1000, in
+# either order. A feed has at least four digits; in F238, the number may be a force.
+_WORD_R = r"R\s?=?\s?(?P<radius>(?:[5-9]\d|[1-9]\d\d)(?:\.\d*)?)"
+_WORD_F = r"F\s?=?\s?(?P<feed>\d{4,5}(?:\.\d*)?)"
+_RADIUS_BESIDE_FEED = (
+    re.compile(rf"\W*{_WORD_R}[\s,;]+{_WORD_F}\W*", re.IGNORECASE),
+    re.compile(rf"\W*{_WORD_F}[\s,;]+{_WORD_R}\W*", re.IGNORECASE),
+)
 # Regular expression for the word G90.1, after which the coordinates of centres are relative to the
 # zero point of the programme.
 _ABSOLUTE_CENTRE = re.compile(r"(?<![A-Za-z\d])G90\.1(?!\d)", re.IGNORECASE)
@@ -112,6 +126,18 @@ def programs_arc(text: str) -> bool:
     """Return whether a line of text is a block of an NC programme that moves along an arc."""
     text = text[:LONGEST_TEXT]
     return _ARC.search(text) is not None or _ARC_AROUND_POLE.search(text) is not None
+
+
+def radius_beside_feed(text: str) -> tuple[float, float] | None:
+    """Return the radius [mm] and the feed [mm/min] of a line such as ``R100 F1000``, or None.
+
+    The line must hold nothing else, and the numbers must be a radius and a feed in millimetres.
+    """
+    for pattern in _RADIUS_BESIDE_FEED:
+        match = pattern.fullmatch(text[:LONGEST_TEXT])
+        if match is not None:
+            return float(match["radius"]), float(match["feed"])
+    return None
 
 
 def programmed_arcs(lines: Sequence[tuple[int | str, str]]) -> list[ProgrammedArc]:

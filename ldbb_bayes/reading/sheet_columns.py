@@ -20,6 +20,7 @@ from ldbb_bayes.reading.column_contents import (
 )
 from ldbb_bayes.reading.column_roles import names_circle
 from ldbb_bayes.reading.decimal_marks import check_thousands, decimal_mark_of
+from ldbb_bayes.reading.g_words import with_columns_of_g_words
 from ldbb_bayes.reading.header_units import BRACKET, unit_of
 from ldbb_bayes.reading.heading import Heading, unused_columns
 from ldbb_bayes.reading.heading_notes import note_heading
@@ -305,6 +306,7 @@ def read_columns(
     heading = replace(heading, unit_columns=frozenset(columns_of_units.values()))
     check_angle_columns(sheet, heading, cells)
     cells = with_merged_rows_filled(sheet, heading, lines, cells, log)
+    heading, cells = with_columns_of_g_words(heading, cells)
     heading = with_condition_that_names_tests(sheet, heading, cells, layout)
     heading = name_plane_column(sheet, heading, cells, stated_plane, log)
     check_directions(sheet, heading, cells, layout)

@@ -6,6 +6,7 @@ between the tests known.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import date
@@ -15,6 +16,7 @@ import numpy as np
 
 from ldbb_bayes.reading.assumptions import AssumptionLog, shown_list
 from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line
+from ldbb_bayes.reading.dates import iso_date
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.timestamps import (
     Rank,
@@ -39,6 +41,10 @@ _NIGHT_S = 6 * 3_600.0
 # Shortest time from one circle to the next [s]. Timestamps that are closer together are taken as
 # the times at which the files were written.
 _SHORTEST_CIRCLE_S = 5.0
+# Regular expression for a date without a time of day in a name, such as 2026-11-20 or 20.11.2026.
+_DATE_IN_NAME = re.compile(
+    r"(?<!\d)(?:(?:19|20)\d\d([-_.])\d\d\1\d\d|\d\d([-_.])\d\d\2(?:19|20)\d\d)(?!\d)"
+)
 # A note shows at most this number of characters of a list of names.
 _LIST_SHOWN = 200
 # Options with which the user can replace the start times of tests. They are named in the notes that
@@ -106,6 +112,7 @@ def take_start_times(
     if times.seconds is None:
         if campaign.get("order") is None and campaign.get("drift", True):
             log.add("", "order", "as listed", times.reason, _OPTIONS_LISTED)
+        _note_days_apart(recordings, log)
         return set()
     for recording, seconds in zip(recordings, times.seconds.tolist(), strict=True):
         recording.fields["time_s"] = round(seconds, 3)
@@ -142,6 +149,34 @@ def _times_of_tests(starts: Sequence[_Start], recordings: Sequence[Recording]) -
         counts = f"only {len(starts)} of {len(titles)} tests state when they were run"
         return _Times(None, f"{counts}, not {shown_list(lacking, _LIST_SHOWN)}")
     return _times_from_stamps([start.stamp for start in starts])
+
+
+def _note_days_apart(recordings: Sequence[Recording], log: AssumptionLog) -> None:
+    """Add a note to the log if the dates of the tests lie more than a day apart.
+
+    The dates stand in columns, in lines above the tables, and in names. A date that can be read in
+    two ways, such as 03/04/2026, is left out.
+    """
+    dated = [_day_of_test(recording) for recording in recordings]
+    days = [day for day in dated if day is not None]
+    n_days = (max(days) - min(days)).days if days else 0
+    if n_days > 1:
+        reason = f"{n_days} days from the first test to the last, with one drift over all"
+        log.add("", "date", "more than a day apart", reason, "import the tests of each day alone")
+
+
+def _day_of_test(recording: Recording) -> date | None:
+    """Return the day of a test; None if it is not stated, or can be read in two ways."""
+    dated = [start for start in _stated_starts(recording) if start.stamp.has_date]
+    if dated:
+        stamp = min(dated, key=_rank_of_source).stamp
+        return stamp.day_first if stamp.day_first == stamp.month_first else None
+    for name in recording.names_of_files():
+        match = _DATE_IN_NAME.search(name)
+        day = iso_date(match[0].replace("_", "-")) if match else ""
+        if day:
+            return date.fromisoformat(day)
+    return None
 
 
 def _states_time(recording: Recording) -> bool:
@@ -343,7 +378,6 @@ def _note_times(starts: Sequence[_Start], times: _Times, log: AssumptionLog) -> 
         log.add("", "order", "that of their times", "they are listed in another", _OPTIONS_TAKEN)
     span_s = float(seconds.max())
     if span_s > _DAY_S:
-        reason = (
-            f"{span_s / _DAY_S:.2g} days from the first test to the last, with one drift over all"
-        )
+        days = round(span_s / _DAY_S, 1)
+        reason = f"{days:g} days from the first test to the last, with one drift over all"
         log.add("", "time_s", "more than a day apart", reason, _OPTIONS_TAKEN)
