@@ -15,6 +15,7 @@ from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.reading.assumptions import NOTHING_STATED, AssumptionLog, shown_list
 from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line, with_words
+from ldbb_bayes.reading.machines_in_names import check_names_are_of_one_machine
 from ldbb_bayes.reading.names import plane_in_name
 from ldbb_bayes.reading.planes import PLANE_OF_SWAPPED, check_plane
 from ldbb_bayes.reading.recording import UNITS_SHOWN, Recording, option_for
@@ -109,9 +110,9 @@ def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]
     Raises
     ------
     InputError
-        If statements about a field contradict each other, if a plane is unknown, or if a line says
-        that readings are raw although the user states that they are compensated for the deflection
-        of the mount.
+        If statements about a field contradict each other, if names number several machines, if a
+        plane is unknown, or if a line says that readings are raw although the user states that they
+        are compensated for the deflection of the mount.
     """
     for key in _OPTIONS:
         places = _places_by_value(recordings, key)
@@ -119,6 +120,7 @@ def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]
             continue
         if places:
             _take_field(campaign, key, list(places))
+    check_names_are_of_one_machine(recordings, campaign)
     machine_id = campaign.get("serial_number") or campaign.get("machine_type")
     campaign.setdefault("machine_id", machine_id)
     for recording in recordings:

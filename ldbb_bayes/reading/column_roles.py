@@ -39,6 +39,9 @@ _PLACE_ON_TABLE = re.compile(r"(?<![^\W_])position\w*", re.IGNORECASE)
 _CIRCLE_WORDS = [
     entry for key, entry in WORDS["numbers"].items() if entry.get("field", key) == "radius_mm"
 ]
+# Names of a column of measured lengths, such as "Ist", beside a column of nominal ones, "Soll".
+_ACTUAL = frozenset(WORDS["columns"]["actual"].split())
+_NOMINAL = frozenset(WORDS["columns"]["nominal"].split())
 
 
 @dataclass
@@ -85,7 +88,7 @@ def find_columns(
     roles = _stated_columns(place, layout, headers)
     if not any(headers):
         return _columns_without_header(place, roles, len(headers))
-    names = _without_other_content(headers, units)
+    names = _with_actual_as_reading(_without_other_content(headers, units), units)
     for role in ROLES:
         if role not in roles.columns:
             _find_role(place, role, roles, names)
@@ -137,6 +140,23 @@ def _without_other_content(headers: Sequence[str], units: Sequence[str]) -> list
             is_temperature = False  # the remark of a circle, as in "36 N temp. 20 °C [um]"
         if partner_of_units(header) or is_temperature:
             names[column] = ""
+    return names
+
+
+def _with_actual_as_reading(headers: Sequence[str], units: Sequence[str]) -> list[str]:
+    """Return the headers, with ``reading`` in place of ``Actual`` beside a column ``Nominal``.
+
+    Both columns must have a unit of length, and no other header may name readings. ``units`` holds
+    the unit of each column.
+    """
+    names = list(headers)
+    bare = [comparable(unit_of(header).name).strip() for header in headers]
+    lengths = [k for k, unit in enumerate(units) if unit in UNITS["reading"]]
+    actual = [k for k in lengths if bare[k] in _ACTUAL]
+    nominal = [k for k in lengths if bare[k] in _NOMINAL]
+    is_pair = len(actual) == 1 and len(nominal) == 1
+    if is_pair and not any(has_role(unit_of(header).name, "reading") for header in headers):
+        names[actual[0]] = "reading"
     return names
 
 

@@ -14,6 +14,7 @@ from ldbb_bayes.campaign.campaign import PER_TEST
 from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.reading.cells_without_numbers import check_cells_are_numbers
 from ldbb_bayes.reading.column_roles import find_columns
 from ldbb_bayes.reading.derived_columns import check_none_is_derived, without_remarks
 from ldbb_bayes.reading.formats import advice_on_format, format_of, is_in_latex
@@ -403,6 +404,7 @@ def _first_row_of_numbers(sheet: Sheet, layout: Layout) -> int:
             " numbers. Add a column 'Angle [deg]', or write a line 'Start angle: 0 deg; angle step:"
             " 1 deg' above the numbers."
         )
+    check_cells_are_numbers(sheet)
     raise NoTableError(
         f"{sheet.place} must hold a table of at least {FEWEST_READINGS} rows with two columns of"
         f" numbers, got none. {_middle_row(sheet)}Check the separator (--separator), the encoding"

@@ -42,7 +42,6 @@ from ldbb_bayes.reading.lines_above import (
 )
 from ldbb_bayes.reading.loads_above import with_loads_in_header
 from ldbb_bayes.reading.log_start import check_feed_is_whole
-from ldbb_bayes.reading.machines_in_names import check_names_are_of_one_machine
 from ldbb_bayes.reading.mount_statement import check_mount_is_clear, unread_mount
 from ldbb_bayes.reading.names import unknown_length_in_name
 from ldbb_bayes.reading.paired_columns import split_pairs
@@ -131,7 +130,6 @@ def import_campaign(
     _check_lines(recordings, campaign)
     loads = _stated_loads(recordings, layout)
     take_stated_fields(campaign, recordings)
-    check_names_are_of_one_machine(recordings, campaign)
     columns_of_times = take_start_times(campaign, recordings, log)
     _note_unused_columns(recordings, columns_of_times, log)
     _take_conditions_of_all(recordings, loads, log)

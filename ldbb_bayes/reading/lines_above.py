@@ -196,6 +196,9 @@ _BAR_AND_NUMBER = re.compile(
     r"(?![\d.,]|-\d)(?!\s?\w{3})",
     re.IGNORECASE,
 )
+# Regular expression for a unit that no number of a test has, such as kg in "Force;10;kg". The
+# number before it is therefore not taken in the usual unit.
+_OTHER_UNIT = re.compile(WORDS["units_not_taken"]["words"], re.IGNORECASE)
 # Regular expression for the end of a unit such as mm/min.
 _PER_MINUTE = re.compile(r"/\s?min\b", re.IGNORECASE)
 # Regular expression for words that mean the ball bar. These words are removed from a line before it
@@ -407,9 +410,10 @@ def _unit_beside(quantity: _Quantity, match: re.Match[str]) -> str:
     ``match`` is the match of the regular expression for the quantity, its number and its unit.
     """
     following: str = match["following"]
-    if match["cell"] and _unit_among(following, quantity.units) is None:
-        # the text after the number is in a cell of its own and is not a unit of the quantity, so
-        # that it does not belong to the number
+    is_unit = _unit_among(following, quantity.units) or _OTHER_UNIT.fullmatch(following)
+    if match["cell"] and not is_unit:
+        # the text after the number is in a cell of its own and is no unit, so that it does not
+        # belong to the number
         following = ""
     return match["inside"] or match["brackets"] or match["cell_before"] or following
 

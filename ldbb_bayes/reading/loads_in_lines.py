@@ -28,9 +28,11 @@ from ldbb_bayes.reading.words import (
 __all__ = [
     "LoadInLine",
     "line_with_unit_of_loads",
+    "lines_with_preload",
     "lines_with_unread_load",
     "load_of_lines",
     "loads_in_lines",
+    "unit_of_all_loads",
 ]
 
 # Regular expression for words, such as "run", that may stand beside a load in a line. A line that
@@ -38,6 +40,8 @@ __all__ = [
 _BESIDE = re.compile(WORDS["loads"]["beside"], re.IGNORECASE)
 # Regular expression for a comma between a word and a number. Such a comma is not a decimal mark.
 _COMMA_BEFORE_NUMBER = re.compile(r"(?<=[^\W\d]),(?=\d)")
+# Regular expression for words that mean a preload.
+_PRELOAD = re.compile(r"pre-?(?:load|tension)|vorspann|vorlast", re.IGNORECASE)
 _WORD = re.compile(r"[^\W\d_]+")
 # Regular expression for a word that means a force or a pressure, before a number and a unit.
 _NAMED_LOAD = re.compile(
@@ -52,6 +56,17 @@ _UNIT_OF_LOADS = {
     key: re.compile(
         rf"(?<!\w)(?:{WORDS['loads'][words]}){ARE_STATED}"
         r"\s*(?:(?:in|en)\s|[:=])\s*(?P<unit>[^\W\d]+)\W*(?:$|[;,|\t(])",
+        re.IGNORECASE,
+    )
+    for key, words in {"force_N": "forces", "pressure_bar": "pressures"}.items()
+}
+
+
+# Regular expressions for a line that is only the unit of all loads, such as "Force unit: kN"; the
+# keys are the fields of a load.
+_ONLY_UNIT_OF_LOADS = {
+    key: re.compile(
+        rf"\W*(?:{WORDS['loads'][words]})[ _-]?(?:units?|einheit)\W+(?P<unit>[^\W\d]+)\W*",
         re.IGNORECASE,
     )
     for key, words in {"force_N": "forces", "pressure_bar": "pressures"}.items()
@@ -120,6 +135,33 @@ def line_with_unit_of_loads(
         if size is not None and size != 1.0:
             return line, content.strip()
     return None
+
+
+def unit_of_all_loads(key: str, lines: Sequence[tuple[int | str, str]]) -> str:
+    """Return the unit that a line such as ``Force unit: kN`` states for all loads, or "".
+
+    ``key`` is force_N or pressure_bar. Lines that state different units count as none.
+    """
+    units = set()
+    for _, content in lines:
+        match = _ONLY_UNIT_OF_LOADS[key].fullmatch(content[:LONGEST_TEXT])
+        unit = unit_named(match["unit"]) if match is not None else ""
+        if unit in UNITS[LOAD_ROLES[key]]:
+            units.add(unit)
+    return units.pop() if len(units) == 1 else ""
+
+
+def lines_with_preload(lines: Sequence[tuple[int | str, str]]) -> list[tuple[int | str, str]]:
+    """Return the number and text of the lines that state a preload, such as ``Preload: -100 N``.
+
+    A preload is hardly the load of a test, but some people call the force of the bar so.
+    """
+    preloads = []
+    for line, content in lines:
+        text = content[:LONGEST_TEXT].strip()
+        if LOAD_IN_NAME.search(text) is not None and _PRELOAD.search(text):
+            preloads.append((line, text))
+    return preloads
 
 
 def lines_with_unread_load(lines: Sequence[tuple[int | str, str]]) -> list[tuple[int | str, str]]:

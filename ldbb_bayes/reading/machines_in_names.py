@@ -54,13 +54,13 @@ def check_names_are_of_one_machine(
             first = (machine, recording)
         other, place = first
         if _number_of(machine) != _number_of(other):
-            choice = "name the files of one"
+            remedy = "Import machines one by one (name the files of one)."
             if recording.sheet.name:
-                choice = "--sheets with those of one"
+                remedy = "Import machines one by one (--sheets with those of one)."
             raise InputError(
                 f"{recording.place}: machine_type must be said once, got {machine!r} in its name"
-                f" and {other!r} in {place.title[:LONGEST_NAME]!r}. Import machines one by one"
-                f" ({choice}). Of one machine, give --machine-type."
+                f" and {other!r} in {place.title[:LONGEST_NAME]!r}. {remedy} Of one machine, give"
+                " --machine-type."
             )
 
 

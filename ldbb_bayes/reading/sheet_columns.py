@@ -45,6 +45,7 @@ from ldbb_bayes.reading.recording import RowUnits
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.statistics_rows import statistics_among, words_among_numbers
 from ldbb_bayes.reading.table_rows import table_rows
+from ldbb_bayes.reading.texts_beside import without_texts_behind
 from ldbb_bayes.reading.travel_direction import with_sides_in_full
 from ldbb_bayes.reading.unit_columns import unit_columns
 from ldbb_bayes.reading.words import LONGEST_NAME, UNITS, unit_named
@@ -231,11 +232,13 @@ class SheetColumns:
         return lines
 
     def _with_unit_of_format(self, column: int, row: int) -> str:
-        """Return a cell with the unit behind its number, or else with that of its number format.
+        """Return a cell with the unit behind its number, in its column of units, or in its format.
 
         ``column`` and ``row`` are the indices of the column and of the row.
         """
         cell = self.cells_with_units(column, [row])[0]
+        if column in self.unit_columns:
+            return f"{cell} {self.cells[self.unit_columns[column]][row]}".strip()
         unit = unit_named(self.sheet.format_units.get((self.lines[row], column), ""))
         return f"{cell} {unit}" if unit and looks_like_number(cell) else cell
 
@@ -300,7 +303,7 @@ def read_columns(
     Assumptions about the header and the decimal mark of the table are added to the log.
     ``stated_plane`` is the plane that the user states for all tests, or None.
     """
-    lines, cells = columns_of(sheet.place, table_rows(sheet, heading), len(heading.headers))
+    lines, cells = _columns_of_table(sheet, heading)
     cells_with_units = _cells_with_units(sheet, lines, cells)
     columns_of_units = unit_columns(heading.headers, cells_with_units, _numeric_columns(heading))
     heading = replace(heading, unit_columns=frozenset(columns_of_units.values()))
@@ -335,6 +338,15 @@ def read_columns(
     return SheetColumns(
         sheet, heading, lines, cells, clock_column, decimal, columns_of_units, numbering
     )
+
+
+def _columns_of_table(sheet: Sheet, heading: Heading) -> tuple[list[int], list[list[str]]]:
+    """Return the line number of each row of the table of a sheet, and the cells of each column."""
+    width = len(heading.headers)
+    rows = table_rows(sheet, heading)
+    if sheet.separator != " ":
+        rows = without_texts_behind(rows, width)
+    return columns_of(sheet.place, rows, width)
 
 
 def _cells_with_units(

@@ -26,7 +26,7 @@ from ldbb_bayes.reading.rows_of_one_machine import check_rows_are_of_one_machine
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.sheet_columns import NOT_SHARED, SheetColumns, read_columns
 from ldbb_bayes.reading.statistics_rows import label_of_statistics, rows_of_statistics
-from ldbb_bayes.reading.table_rows import table_rows
+from ldbb_bayes.reading.table_rows import remarks_between, table_rows
 from ldbb_bayes.reading.texts_beside import TextBeside, texts_beside, texts_of_test
 from ldbb_bayes.reading.unit_lines import UNIT_KEYS
 from ldbb_bayes.reading.unit_sentences import units_in_sentences
@@ -367,11 +367,15 @@ def _without_placeholders(
 def _without_statistics(sheet: Sheet, heading: Heading, log: AssumptionLog) -> Sheet:
     """Return a sheet without the rows of its table that hold statistics, such as a mean.
 
-    A note with the number of these rows is added to the log.
+    A note with the number of these rows is added to the log. Remarks between the rows, which are
+    left out when the table is read, are noted, too.
     """
     column = heading.roles.get("angle", heading.roles.get("time"))
     if column is None:
         return sheet
+    for remark in remarks_between(sheet, heading):
+        reason = f"{sheet.text_of(remark.cells)[:LONGEST_NAME]!r} in line {remark.line}"
+        log.add(sheet.place, "left out", _count_left_out(1), reason, "remove the line")
     statistics = rows_of_statistics(table_rows(sheet, heading), column)
     if not statistics:
         return sheet

@@ -76,6 +76,10 @@ _SAMPLE_LINES = 200
 _SCORE_MARGIN = 0.02
 
 
+# Signs of units that a program has encoded in UTF-8 twice.
+_ENCODED_TWICE = {"Â°": "°", "Âµ": "µ", "Î¼": "μ", "Â±": "±"}
+
+
 def read_sheets(
     path: Path,
     *,
@@ -124,13 +128,21 @@ def read_sheets(
         )
     if encoding is None:
         encoding = encoding_of(raw)
-    text = with_names_of_dump(without_quote_marks(decode_text(path, raw, encoding)))
+    text = _with_signs_repaired(decode_text(path, raw, encoding))
+    text = with_names_of_dump(without_quote_marks(text))
     text = with_runs_for_groups(without_kinds_of_samples(without_queries(text)))
     text = with_points_numbered(text)
     entries = _sheets_of_entries(Sheet(path, "", [], encoding, ","), text)
     if entries:
         return [_with_plain_cells(sheet) for sheet in entries]
     return _sheets_of_rows(path, text, encoding, separator or _find_separator(text.split("\n")))
+
+
+def _with_signs_repaired(text: str) -> str:
+    """Return a text with the signs of units that a program has encoded twice, such as ``Â°``."""
+    for twice_encoded, sign in _ENCODED_TWICE.items():
+        text = text.replace(twice_encoded, sign)
+    return text
 
 
 def _sheets_of_rows(path: Path, text: str, encoding: str, separator: str) -> list[Sheet]:

@@ -22,9 +22,11 @@ from ldbb_bayes.reading.header_units import unit_of
 from ldbb_bayes.reading.loads_in_lines import (
     LoadInLine,
     line_with_unit_of_loads,
+    lines_with_preload,
     lines_with_unread_load,
     load_of_lines,
     loads_in_lines,
+    unit_of_all_loads,
 )
 from ldbb_bayes.reading.names import load_in_name, load_is_ambiguous, radius_in_name
 from ldbb_bayes.reading.numbering_columns import are_repeated
@@ -247,13 +249,15 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
 
 
 def _unit_of_all_loads(recording: Recording, key: str) -> str:
-    """Return the unit that the user states for all loads, such as kN; empty if there is none.
+    """Return the unit that the user or a line states for all loads, such as kN; empty if none does.
 
     ``key`` is the field of a quantity, such as force_N; the result is empty if it is no load.
     """
     if key not in LOAD_ROLES:
         return ""
-    return getattr(recording.layout, f"{LOAD_ROLES[key]}_unit") or ""
+    stated_by_user: str | None = getattr(recording.layout, f"{LOAD_ROLES[key]}_unit")
+    lines = [*recording.heading.lines_above, *recording.lines_of_all_tests]
+    return stated_by_user or unit_of_all_loads(key, lines)
 
 
 def _programmed_evidence(recording: Recording, evidence: Sequence[_Evidence]) -> list[_Evidence]:
@@ -317,6 +321,8 @@ def _question_on_load(recording: Recording, in_lines: Sequence[LoadInLine]) -> s
     lines = [(load.line, load.text) for load in in_lines]
     if not lines:
         lines = lines_with_unread_load(recording.heading.lines_above)
+    if not lines:
+        lines = lines_with_preload(recording.heading.lines_above)
     if not lines:
         return ""
     line, text = lines[0]

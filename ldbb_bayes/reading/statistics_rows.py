@@ -28,6 +28,8 @@ _SURE_WORDS = frozenset(WORDS["statistics"]["sure"].split())
 _CONVERSIONS = frozenset(WORDS["statistics"]["conversion"].split())
 # A column holds numbers if at least this fraction of its filled cells are numbers.
 _SHARE_OF_NUMBERS = 0.9
+# Names of axes, which may stand behind the name of a statistic.
+_AXES = frozenset("xyz")
 # Regular expression for a word of at least three letters at the beginning of a cell.
 _FIRST_WORD = re.compile(r"\W*[^\W\d_]{3,}")
 
@@ -54,6 +56,8 @@ def statistics_among(cells: Sequence[str]) -> list[int]:
 def _consists_of_statistics(cell: str) -> bool:
     """Return whether all words of a cell may be parts of the name of a statistic."""
     words = re.findall(r"[^\W\d_]+", comparable(cell))
+    if len(words) > 1 and words[-1] in _AXES:  # as in "Centre x"
+        words.pop()
     return bool(words) and set(words) <= _WORDS
 
 

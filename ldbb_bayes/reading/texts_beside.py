@@ -17,7 +17,7 @@ from ldbb_bayes.reading.timestamps import stamps_in
 from ldbb_bayes.reading.travel_direction import directions_stated
 from ldbb_bayes.reading.words import LONGEST_TEXT
 
-__all__ = ["TextBeside", "texts_beside", "texts_of_test"]
+__all__ = ["TextBeside", "texts_beside", "texts_of_test", "without_texts_behind"]
 
 # Largest number of texts that are taken from a column. Texts that differ only in their numbers
 # count as one text.
@@ -81,6 +81,43 @@ def texts_beside(
         if column not in in_use:
             texts += _texts_of_unnamed_column(rows, column, in_use)
     return texts
+
+
+def without_texts_behind(rows: Sequence[Row], width: int) -> list[Row]:
+    """Return the rows of a table, without labelled numbers that stand behind its last column.
+
+    An example are rows that end with ``;;Mean;1.2``, where other rows end with the last column of
+    the table. The first cell behind the table must be empty, a word must stand before each number,
+    and more than half of the rows must end with the table. Other rows are returned unchanged.
+
+    Parameters
+    ----------
+    rows
+        Rows of the table.
+    width
+        Number of columns of the table.
+    """
+    n_longer = sum(any(row.cells[width:]) for row in rows)
+    if 2 * n_longer >= len(rows):
+        return list(rows)
+    trimmed = []
+    for row in rows:
+        behind = row.cells[width:]
+        cells = row.cells[:width] if _are_labelled(behind) else row.cells
+        trimmed.append(Row(row.line, cells))
+    return trimmed
+
+
+def _are_labelled(cells: Sequence[str]) -> bool:
+    """Return whether the first cell is empty, and a word stands before each number."""
+    if not any(cells) or cells[0]:
+        return False
+    before = ""
+    for cell in cells:
+        if looks_like_number(cell) and not _LETTER.search(before):
+            return False
+        before = "" if looks_like_number(cell) else cell
+    return True
 
 
 def _headers_that_are_texts(heading: Heading, rows: Sequence[Row]) -> list[str]:

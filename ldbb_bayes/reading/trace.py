@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.reading.angle_convention import angle_convention
+from ldbb_bayes.reading.angular_speed import feed_of_angular_speed
 from ldbb_bayes.reading.assumptions import NOTHING_STATED
 from ldbb_bayes.reading.cartesian_columns import (
     advice_on_positions,
@@ -276,6 +277,8 @@ def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
     its file, and everything that the file or the user states about the test.
     """
     feed = quantity_of(recording, "feed_mm_per_min")
+    if feed is None:
+        feed = feed_of_angular_speed(recording)
     if feed is None or not feed > 0.0:
         raise _missing_feed(recording)
     if direction is None:

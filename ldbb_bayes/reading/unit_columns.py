@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ldbb_bayes.reading.column_roles import names_circle
 from ldbb_bayes.reading.header_units import unit_of
 from ldbb_bayes.reading.role_words import has_role
 from ldbb_bayes.reading.unit_lines import (
@@ -12,7 +13,7 @@ from ldbb_bayes.reading.unit_lines import (
     is_unit_with_unread_factor,
     partner_of_units,
 )
-from ldbb_bayes.reading.words import ROLES, comparable, scaled_unit
+from ldbb_bayes.reading.words import ROLES, UNITS, comparable, scaled_unit, unit_named
 
 __all__ = ["unit_columns"]
 
@@ -50,6 +51,11 @@ def unit_columns(
     for column, header in enumerate(headers):
         if column in numeric or partner_of_units(header) or not _holds_units(header, cells[column]):
             continue
+        if column and _holds_another_length(
+            headers[column - 1], cells[column], column - 1, numeric
+        ):
+            pairs.setdefault(column - 1, column)
+            continue
         to_the_left = [number for number in numeric if number < column and number not in pairs]
         to_the_right = [number for number in numeric if number > column and number not in pairs]
         if to_the_left:
@@ -57,6 +63,19 @@ def unit_columns(
         elif to_the_right:
             pairs[min(to_the_right)] = column
     return pairs
+
+
+def _holds_another_length(
+    header: str, units: Sequence[str], column: int, numeric: Sequence[int]
+) -> bool:
+    """Return whether a column without a role is named after a length, such as ``Radius``.
+
+    ``header`` is its header and ``column`` its index; ``units`` are the cells of the column of
+    units behind it, which must be units of length. ``numeric`` are the columns with a role.
+    """
+    if column in numeric or unit_of(header).unit or not names_circle(unit_of(header).name):
+        return False
+    return all(unit_named(unit.strip("[]() ")) in UNITS["reading"] for unit in units)
 
 
 def _pairs_by_name(headers: Sequence[str], numeric: Sequence[int]) -> dict[int, int]:

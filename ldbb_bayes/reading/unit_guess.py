@@ -19,6 +19,7 @@ from ldbb_bayes.campaign.campaign import ForceLaw
 from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line, with_words
 from ldbb_bayes.reading.column_units import is_unit_stated
 from ldbb_bayes.reading.lines_above import Lines, statements_in
+from ldbb_bayes.reading.loads_in_lines import unit_of_all_loads
 from ldbb_bayes.reading.measured_length import doubles_readings, may_be_diameter
 from ldbb_bayes.reading.multiplied_angles import check_angles_are_not_multiplied
 from ldbb_bayes.reading.open_question import OpenQuestionError
@@ -153,7 +154,9 @@ def _force_without_unit(recording: Recording) -> float | None:
     if _lacks_unit(recording, "force"):
         return float(np.abs(recording.numbers["force"]).max())
     is_stated = recording.stated_value("force_N") is not None or "force" in recording.numbers
-    if is_stated or recording.layout.force_unit is not None:
+    lines = [*recording.heading.lines_above, *recording.lines_of_all_tests]
+    has_unit = recording.layout.force_unit is not None or unit_of_all_loads("force_N", lines)
+    if is_stated or has_unit:
         return None
     for statement in recording.statements.get("force_N", ())[:1]:
         if not statement.unit:

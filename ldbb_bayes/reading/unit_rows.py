@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 
 from ldbb_bayes.reading.names import load_in_name
-from ldbb_bayes.reading.words import comparable, scaled_unit
+from ldbb_bayes.reading.words import WORDS, comparable, scaled_unit
 
 __all__ = ["COMMENT_SIGN", "joined_factors", "row_of_units", "without_comment_sign"]
 
@@ -19,6 +19,8 @@ _BRACKETED = re.compile(r"[\[({].*[\])}]")
 # Regular expression for a factor, such as 0.1 in "0.1 um", in a row of units whose cells are
 # separated by blanks.
 _FACTOR = re.compile(r"[\[({]?(?:1/)?\d+(?:[.,]\d+)?[x×*]?")
+# Units of feed, which may stand beside units of angle, length and time in a row of units.
+_UNITS_OF_FEED = frozenset(WORDS["numbers"]["feed_mm_per_min"]["units"])
 # Largest number that may precede a unit in a row of units, such as 10 in "10 nm". After a larger
 # number, as in "100 mm", the cell is a length and not a unit.
 _LARGEST_FACTOR = 10.0
@@ -84,6 +86,11 @@ def _unit_in_row(text: str) -> str:
     return unit
 
 
+def _is_known(text: str) -> bool:
+    """Return whether a text is a known unit of angle, length, time or load, or of the feed."""
+    return bool(_unit_in_row(text)) or text in _UNITS_OF_FEED
+
+
 def _holds_only_units(cells: Sequence[str]) -> bool:
     """Return whether a row of cells is a row of units.
 
@@ -96,7 +103,7 @@ def _holds_only_units(cells: Sequence[str]) -> bool:
     n_bracketed = 0
     uncertain = []
     for cell in cells:
-        if _unit_in_row(_text_of_unit(cell)):
+        if _is_known(_text_of_unit(cell)):
             n_known += 1
         elif _BRACKETED.fullmatch(cell):
             n_bracketed += 1

@@ -6,6 +6,7 @@ import io
 import re
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
+from datetime import timedelta
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -270,7 +271,14 @@ def _holds_numbers_as_text(values: Iterable[Iterable[object]]) -> bool:
 
 
 def _cell_text(value: object) -> str:
-    """Return the value of a cell as text. A whole number is written without a decimal point."""
+    """Return the value of a cell as text. A whole number is written without a decimal point.
+
+    A duration is written with all its hours, as a spreadsheet shows it: ``175:00:00``.
+    """
+    if isinstance(value, timedelta) and value >= timedelta(days=1):
+        hours, remainder = divmod(value, timedelta(hours=1))
+        minutes, seconds = divmod(remainder.total_seconds(), 60.0)
+        return f"{hours}:{minutes:02.0f}:{seconds:06.3f}".removesuffix(".000")
     if isinstance(value, float) and value.is_integer() and abs(value) < _LARGEST_WHOLE:
         return f"{value:.0f}"
     return str(value).strip()

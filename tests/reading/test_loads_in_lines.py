@@ -63,10 +63,14 @@ def test_a_load_of_unclear_meaning_is_named_in_the_refusal(line: str, tmp_path: 
         lb.import_campaign(file_with(tmp_path, line))
 
 
-@pytest.mark.parametrize("line", ["Machine max 490 N", "Preload 490 N"])
-def test_a_load_of_another_quantity_is_not_read(line: str, tmp_path: Path) -> None:
+def test_a_load_of_another_quantity_is_not_read(tmp_path: Path) -> None:
     with pytest.raises(lb.InputError, match=r"or the name\. Give --forces-N"):
-        lb.import_campaign(file_with(tmp_path, line))
+        lb.import_campaign(file_with(tmp_path, "Machine max 490 N"))
+
+
+def test_a_preload_is_asked_for_by_its_line(tmp_path: Path) -> None:
+    with pytest.raises(lb.InputError, match=r"is 'Preload 490 N' in line 1 the load\?"):
+        lb.import_campaign(file_with(tmp_path, "Preload 490 N"))
 
 
 def test_a_load_in_the_name_comes_first(tmp_path: Path) -> None:
