@@ -17,6 +17,9 @@ _NAMES = {
     b"MATLAB 7.3 MAT-file": "a MAT file of MATLAB",
     b"PAR1": "a Parquet file",
     b"SQLite format 3": "an SQLite database",
+    b"ARROW1": "a Feather file",
+    b"\x80\x04\x95": "a pickle of Python",
+    b"\x80\x05\x95": "a pickle of Python",
 }
 
 

@@ -59,8 +59,8 @@ _MINUS_BEHIND = re.compile(r"(?P<number>\d[\d.,]*[.,]\d+)[-−–]")
 _WEB_PAGE = re.compile(rb"(?:\xef\xbb\xbf)?\s*<(?:!doctype html|html|table|meta)", re.IGNORECASE)
 # Number of bytes at the beginning of a file that are examined for HTML.
 _HEAD_BYTES = 200
-# First bytes of a file that gzip has compressed.
-_GZIP_SIGNATURE = b"\x1f\x8b"
+# First bytes of compressed files and archives: of gzip, bzip2, xz, 7-Zip and RAR.
+_COMPRESSED = (b"\x1f\x8b", b"BZh", b"\xfd7zXZ\x00", b"7z\xbc\xaf\x27\x1c", b"Rar!\x1a\x07")
 # Characters that may separate the cells of a text file, in order of preference.
 _SEPARATORS = (";", "\t", "|", ",", " ")
 # Characters that almost certainly separate the cells of a text file, because they seldom occur
@@ -108,7 +108,7 @@ def read_sheets(
     """
     raw = table_bytes(path)
     require(
-        path.suffix.lower() != ".zip" and not raw.startswith(_GZIP_SIGNATURE),
+        path.suffix.lower() != ".zip" and not raw.startswith(_COMPRESSED),
         f"{path} must be unpacked, got an archive. Unpack it and name the files in it.",
     )
     if is_document(raw):

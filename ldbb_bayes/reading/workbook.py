@@ -23,6 +23,7 @@ from ldbb_bayes.campaign.text_table import (
 )
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.reading.cell_units import number_in_cell
+from ldbb_bayes.reading.ods_parts import parts_of_ods
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.words import LONGEST_NAME, unit_named
 from ldbb_bayes.reading.workbook_parts import SheetParts, parts_of_sheets
@@ -44,6 +45,10 @@ _DISTANT_CELL = re.compile(rb'\br="([A-Z]{3,}\d+|[A-Z]+\d{6,})"')
 # Size [bytes] of one sector of a compound file, the format of XLS. A complete file consists of
 # whole sectors.
 _SECTOR = 512
+# Regular expression for a duration in hours, minutes and seconds, as ODS stores it.
+_DURATION = re.compile(r"PT(\d+)H(\d\d)M(\d\d(?:[.,]\d+)?)S")
+# Beginnings of the names of the files in a zipped workbook: XLSX, XLSB and ODS.
+_IN_WORKBOOKS = ("xl/", "content.xml", "[Content_Types].xml", "META-INF/", "mimetype")
 # Whole numbers below this are converted to texts without a decimal point; double precision holds
 # them exactly.
 _LARGEST_WHOLE = 1e15
@@ -80,7 +85,7 @@ def read_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[Sheet]:
     source: Any = path if is_compound else io.BytesIO(raw)
     try:
         with python_calamine.load_workbook(source) as book:
-            sheets = _wanted_sheets(path, book, wanted, parts_of_sheets(raw))
+            sheets = _wanted_sheets(path, book, wanted, parts_of_sheets(raw) or parts_of_ods(raw))
     except python_calamine.PasswordError:
         raise InputError(
             f"{path} must be a workbook without a password, got one with. Save it without."
@@ -273,8 +278,12 @@ def _holds_numbers_as_text(values: Iterable[Iterable[object]]) -> bool:
 def _cell_text(value: object) -> str:
     """Return the value of a cell as text. A whole number is written without a decimal point.
 
-    A duration is written with all its hours, as a spreadsheet shows it: ``175:00:00``.
+    A duration is written with all its hours, as a spreadsheet shows it: ``175:00:00``. In ODS, it
+    is stored as ``PT175H00M00S``.
     """
+    duration = _DURATION.fullmatch(value) if isinstance(value, str) else None
+    if duration is not None:
+        return ":".join(duration.groups()).replace(",", ".")
     if isinstance(value, timedelta) and value >= timedelta(days=1):
         hours, remainder = divmod(value, timedelta(hours=1))
         minutes, seconds = divmod(remainder.total_seconds(), 60.0)
@@ -294,6 +303,10 @@ def _check_archive(path: Path, raw: bytes) -> None:
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
             members = archive.infolist()
+            require(
+                any(member.filename.startswith(_IN_WORKBOOKS) for member in members),
+                f"{path} must be unpacked, got an archive. Unpack it and name the files in it.",
+            )
             _check_size(path, members)
             for member in members:
                 if member.filename.startswith("xl/worksheets/"):

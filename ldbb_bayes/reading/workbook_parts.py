@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 
 from ldbb_bayes.reading.words import scaled_unit
 
-__all__ = ["SheetParts", "parts_of_sheets"]
+__all__ = ["SheetParts", "parts_of_sheets", "unit_shown", "xml_root"]
 
 _MAIN = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
 _RELATIONS = "{http://schemas.openxmlformats.org/officeDocument/2006/relationships}"
@@ -61,7 +61,7 @@ def parts_of_sheets(raw: bytes) -> dict[str, SheetParts]:
         return {}
 
 
-def _root(archive: zipfile.ZipFile, path: str) -> ElementTree.Element:
+def xml_root(archive: zipfile.ZipFile, path: str) -> ElementTree.Element:
     """Return the root element of an XML file. ``path`` is its path inside the workbook.
 
     Raise a ValueError if the XML file is too large to be examined. ``archive`` is the open
@@ -78,11 +78,11 @@ def _paths_of_sheets(archive: zipfile.ZipFile) -> dict[str, str]:
     ``archive`` is the open workbook.
     """
     targets = {}
-    for relation in _root(archive, "xl/_rels/workbook.xml.rels").iter(f"{_PACKAGE}Relationship"):
+    for relation in xml_root(archive, "xl/_rels/workbook.xml.rels").iter(f"{_PACKAGE}Relationship"):
         target = relation.get("Target", "")
         targets[relation.get("Id")] = target.lstrip("/") if target[:1] == "/" else f"xl/{target}"
     paths = {}
-    for sheet in _root(archive, "xl/workbook.xml").iter(f"{_MAIN}sheet"):
+    for sheet in xml_root(archive, "xl/workbook.xml").iter(f"{_MAIN}sheet"):
         path = targets.get(sheet.get(f"{_RELATIONS}id"))
         if path in archive.namelist():
             paths[sheet.get("name", "")] = str(path)
@@ -97,7 +97,7 @@ def _units_of_styles(archive: zipfile.ZipFile) -> dict[str, str]:
     """
     if "xl/styles.xml" not in archive.namelist():
         return {}
-    root = _root(archive, "xl/styles.xml")
+    root = xml_root(archive, "xl/styles.xml")
     unit_by_format = {}
     for number_format in root.iter(f"{_MAIN}numFmt"):
         unit = _unit_in_format(number_format.get("formatCode", ""))
@@ -121,6 +121,15 @@ def _unit_in_format(code: str) -> str:
     """
     positive = code.split(";")[0]
     text = "".join(quoted or escaped for quoted, escaped in _TEXT_IN_FORMAT.findall(positive))
+    return unit_shown(text)
+
+
+def unit_shown(text: str) -> str:
+    """Return the unit in the text that a number format shows beside a number.
+
+    A word that is not a known unit is returned as written. The result is empty if the text has no
+    word.
+    """
     text = text.strip("[]() ")
     unit = scaled_unit(text)
     if not unit and re.search(r"[^\W\d_]", text):

@@ -1,0 +1,147 @@
+"""Contents of an ODS workbook other than the values of cells.
+
+The contents are units in the number formats of cells, hidden rows, and formulas without a stored
+value.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Iterator, Mapping
+from xml.etree import ElementTree
+
+from ldbb_bayes.reading.workbook_parts import SheetParts, unit_shown, xml_root
+
+__all__ = ["parts_of_ods"]
+
+_OASIS = "urn:oasis:names:tc:opendocument:xmlns"
+_TABLE = f"{{{_OASIS}:table:1.0}}"
+_STYLE = f"{{{_OASIS}:style:1.0}}"
+_NUMBER = f"{{{_OASIS}:datastyle:1.0}}"
+_OFFICE = f"{{{_OASIS}:office:1.0}}"
+# A row or cell that is repeated more often than this fills the rest of a sheet, without numbers.
+_MOST_REPEATED = 1000
+# Attributes of a cell that hold its value.
+_VALUES = ("value", "time-value", "date-value", "string-value", "boolean-value")
+
+
+def parts_of_ods(raw: bytes) -> dict[str, SheetParts]:
+    """Return a dict with the contents of each sheet other than the values of its cells.
+
+    The keys of the dict are the names of the sheets. The dict is empty if the file is not in the
+    format ODS or cannot be read.
+
+    Parameters
+    ----------
+    raw
+        Content of the file.
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(raw)) as archive:
+            content = xml_root(archive, "content.xml")
+            roots = [content]
+            if "styles.xml" in archive.namelist():
+                roots.append(xml_root(archive, "styles.xml"))
+    except (KeyError, ValueError, ElementTree.ParseError, zipfile.BadZipFile):
+        return {}
+    units = _units_of_styles(roots)
+    parts = {}
+    for table in content.iter(f"{_TABLE}table"):
+        parts[table.get(f"{_TABLE}name", "")] = _parts_of_table(table, units)
+    return parts
+
+
+def _units_of_styles(roots: list[ElementTree.Element]) -> dict[str, str]:
+    """Return a dict with the units in the number formats of cell styles.
+
+    The keys are the names of the styles; an empty unit stands for a format without a unit. Styles
+    without a number format are left out. ``roots`` are the files that hold styles.
+    """
+    unit_by_format = {}
+    for root in roots:
+        for data_style in root.iter(f"{_NUMBER}number-style"):
+            texts = [text.text or "" for text in data_style.findall(f"{_NUMBER}text")]
+            unit_by_format[data_style.get(f"{_STYLE}name")] = unit_shown("".join(texts))
+    units = {}
+    for root in roots:
+        for style in root.iter(f"{_STYLE}style"):
+            number_format = style.get(f"{_STYLE}data-style-name")
+            if number_format is not None:
+                units[style.get(f"{_STYLE}name", "")] = unit_by_format.get(number_format, "")
+    return units
+
+
+def _parts_of_table(table: ElementTree.Element, units: Mapping[str, str]) -> SheetParts:
+    """Return what a sheet holds besides the values of its cells.
+
+    ``units`` is a dict with the unit in the number format of each style of cells; its keys are the
+    names of the styles.
+    """
+    parts = SheetParts()
+    styles = _styles_of_columns(table)
+    line = 0
+    for row in table.iter(f"{_TABLE}table-row"):
+        n_rows = _times_repeated(row, "rows")
+        if n_rows > _MOST_REPEATED:
+            line += n_rows
+            continue
+        for _ in range(n_rows):
+            line += 1
+            if row.get(f"{_TABLE}visibility") in ("collapse", "filter"):
+                parts.hidden_lines.add(line)
+            _add_cells(parts, line, row, styles, units)
+    return parts
+
+
+def _add_cells(
+    parts: SheetParts,
+    line: int,
+    row: ElementTree.Element,
+    styles: Mapping[int, str],
+    units: Mapping[str, str],
+) -> None:
+    """Add the units and the formulas without a value of the cells of one row to ``parts``.
+
+    ``styles`` are the styles of the columns, which cells without a style of their own have.
+    """
+    style_of_row = row.get(f"{_TABLE}default-cell-style-name")
+    for column, cell in _cells_of(row):
+        has_value = any(cell.get(f"{_OFFICE}{name}") is not None for name in _VALUES)
+        style = cell.get(f"{_TABLE}style-name") or style_of_row or styles.get(column, "")
+        if has_value and units.get(style):
+            parts.units[line, column] = units[style]
+        is_formula = cell.get(f"{_TABLE}formula") is not None
+        if is_formula and not has_value and not "".join(cell.itertext()).strip():
+            parts.formulas_without_value.add((line, column))
+
+
+def _cells_of(row: ElementTree.Element) -> Iterator[tuple[int, ElementTree.Element]]:
+    """Yield the column index and the XML element of each cell of a row."""
+    column = 0
+    for cell in row:
+        if cell.tag not in (f"{_TABLE}table-cell", f"{_TABLE}covered-table-cell"):
+            continue
+        n_cells = _times_repeated(cell, "columns")
+        if n_cells <= _MOST_REPEATED:
+            for index in range(column, column + n_cells):
+                yield index, cell
+        column += n_cells
+
+
+def _styles_of_columns(table: ElementTree.Element) -> dict[int, str]:
+    """Return a dict with the default style of the cells of each column; the keys are indices."""
+    styles: dict[int, str] = {}
+    column = 0
+    for element in table.iter(f"{_TABLE}table-column"):
+        n_columns = _times_repeated(element, "columns")
+        style = element.get(f"{_TABLE}default-cell-style-name")
+        if style and n_columns <= _MOST_REPEATED:
+            styles |= dict.fromkeys(range(column, column + n_columns), style)
+        column += n_columns
+    return styles
+
+
+def _times_repeated(element: ElementTree.Element, kind: str) -> int:
+    """Return how often a row, column or cell is repeated; ``kind`` is "rows" or "columns"."""
+    return int(element.get(f"{_TABLE}number-{kind}-repeated", "1"))

@@ -1,0 +1,161 @@
+"""ODS workbooks: units in number formats, hidden rows, formulas without values, durations."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ldbb_bayes as lb
+
+SPACES = " ".join(
+    f'xmlns:{name}="urn:oasis:names:tc:opendocument:xmlns:{space}:1.0"'
+    for name, space in {
+        "office": "office",
+        "table": "table",
+        "text": "text",
+        "style": "style",
+        "number": "datastyle",
+    }.items()
+)
+READINGS_UM = np.array([(7 * k) % 11 - 4.75 for k in range(36)])
+
+
+def style(name: str, shown: str) -> str:
+    return (
+        f'<number:number-style style:name="N{name}"><number:number/>'
+        f"<number:text>{shown}</number:text></number:number-style>"
+        f'<style:style style:name="{name}" style:family="table-cell"'
+        f' style:data-style-name="N{name}"/>'
+    )
+
+
+def number(value: float, style_name: str = "") -> str:
+    attribute = f' table:style-name="{style_name}"' if style_name else ""
+    return (
+        f'<table:table-cell{attribute} office:value-type="float" office:value="{value!r}">'
+        f"<text:p>{value}</text:p></table:table-cell>"
+    )
+
+
+def text(words: str) -> str:
+    return (
+        f'<table:table-cell office:value-type="string"><text:p>{words}</text:p></table:table-cell>'
+    )
+
+
+def row(*cells: str, attributes: str = "") -> str:
+    return f"<table:table-row {attributes}>{''.join(cells)}</table:table-row>"
+
+
+def table_rows(
+    header: str = "Deviation [um]", scale: float = 1.0, style_name: str = ""
+) -> list[str]:
+    rows = [row(text("Angle [deg]"), text(header))]
+    for k, reading in enumerate(READINGS_UM):
+        rows.append(row(number(10.0 * k), number(float(scale * reading), style_name)))
+    return rows
+
+
+def workbook(folder: Path, rows: list[str], styles: str = "", columns: str = "") -> Path:
+    content = (
+        f"<office:document-content {SPACES}><office:automatic-styles>{styles}"
+        "</office:automatic-styles><office:body><office:spreadsheet>"
+        f'<table:table table:name="300 N">{columns}{"".join(rows)}</table:table>'
+        "</office:spreadsheet></office:body></office:document-content>"
+    )
+    path = folder / "m.ods"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("mimetype", "application/vnd.oasis.opendocument.spreadsheet")
+        archive.writestr("content.xml", content)
+        archive.writestr(
+            "META-INF/manifest.xml",
+            '<manifest:manifest xmlns:manifest="urn:oasis:names:tc:opendocument:xmlns:manifest:1.0"'
+            "/>",
+        )
+    return path
+
+
+@pytest.mark.parametrize(("shown", "radius"), [(" cm", 10.0), (" mm", 100.0), ("m", 0.1)])
+def test_the_unit_in_the_format_of_a_radius_is_read(
+    shown: str, radius: float, tmp_path: Path
+) -> None:
+    rows = [row(text("Radius"), number(radius, "r")), *table_rows()]
+    imported = lb.import_campaign(workbook(tmp_path, rows, style("r", shown)))
+    assert imported.campaign.tests[0].radius_mm == pytest.approx(100.0)
+    assert "hidden rows and number formats" not in [note.what for note in imported.assumptions]
+
+
+def test_the_unit_in_the_format_of_readings_is_read(tmp_path: Path) -> None:
+    rows = table_rows("Deviation", 0.1, "r")
+    (test,) = lb.import_campaign(workbook(tmp_path, rows, style("r", " mil"))).campaign.tests
+    np.testing.assert_allclose(test.reading_um, 2.54 * READINGS_UM)
+
+
+def test_the_unit_in_the_format_of_a_column_is_read_behind_repeated_rows(tmp_path: Path) -> None:
+    columns = '<table:table-column/><table:table-column table:default-cell-style-name="r"/>'
+    empty = row("<table:table-cell/>", attributes='table:number-rows-repeated="4"')
+    rows = [empty, *table_rows("Deviation", 0.1)]
+    path = workbook(tmp_path, rows, style("r", " mil"), columns)
+    (test,) = lb.import_campaign(path).campaign.tests
+    np.testing.assert_allclose(test.reading_um, 2.54 * READINGS_UM)
+
+
+@pytest.mark.parametrize("visibility", ["collapse", "filter"])
+def test_hidden_rows_are_left_out_and_told(visibility: str, tmp_path: Path) -> None:
+    rows = table_rows()
+    hidden = f'table:visibility="{visibility}"'
+    rows.insert(5, row(number(35.0), number(3.5), attributes=hidden))
+    imported = lb.import_campaign(workbook(tmp_path, rows))
+    np.testing.assert_allclose(imported.campaign.tests[0].reading_um, READINGS_UM)
+    assert any("hidden" in note.because or "hidden" in note.value for note in imported.assumptions)
+
+
+def test_formulas_without_values_are_named(tmp_path: Path) -> None:
+    rows = [row(text("Angle [deg]"), text("Deviation [um]"))]
+    for reading in READINGS_UM:
+        formula = '<table:table-cell table:formula="of:=[.A1]+5" office:value-type="float"/>'
+        rows.append(row(formula, number(float(reading))))
+    with pytest.raises(lb.InputError, match=r"line 2: cells must hold values.*save it once"):
+        lb.import_campaign(workbook(tmp_path, rows))
+
+
+def test_durations_are_shown_as_a_spreadsheet_shows_them(tmp_path: Path) -> None:
+    rows = [row(text("Angle (D-M-S)"), text("Deviation [um]"))]
+    for k, reading in enumerate(READINGS_UM):
+        angle = (
+            '<table:table-cell office:value-type="time"'
+            f' office:time-value="PT{10 * k:02}H30M00S"><text:p>x</text:p></table:table-cell>'
+        )
+        rows.append(row(angle, number(float(reading))))
+    (test,) = lb.import_campaign(workbook(tmp_path, rows)).campaign.tests
+    np.testing.assert_allclose(test.angle_deg, 10.0 * np.arange(36) + 0.5)
+
+
+@pytest.mark.parametrize(
+    ("name", "beginning", "message"),
+    [
+        ("a.csv.bz2", b"BZh91AY&SY", "must be unpacked"),
+        ("a.csv.xz", b"\xfd7zXZ\x00\x00", "must be unpacked"),
+        ("a.7z", b"7z\xbc\xaf'\x1c\x00\x04", "must be unpacked"),
+        ("a.feather", b"ARROW1\x00\x00", "got a Feather file"),
+        ("a.pkl", b"\x80\x04\x95\x00", "got a pickle of Python"),
+    ],
+)
+def test_compressed_and_binary_files_are_named(
+    name: str, beginning: bytes, message: str, tmp_path: Path
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(beginning + bytes(100))
+    with pytest.raises(lb.InputError, match=message):
+        lb.import_campaign(path)
+
+
+def test_an_archive_of_files_with_another_name_must_be_unpacked(tmp_path: Path) -> None:
+    path = tmp_path / "export.dat"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("100N.csv", "Angle [deg];Deviation [um]\n0;1\n")
+    with pytest.raises(lb.InputError, match="must be unpacked, got an archive"):
+        lb.import_campaign(path)
