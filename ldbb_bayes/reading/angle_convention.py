@@ -201,13 +201,32 @@ def _convention_along_travel(
     is added for the header of the angles, and for each of the statements about angles in ``words``.
     The sense is not stored in the layout, because other tests may run in the other direction.
     """
-    zero = zero or f"+{plane[0]}"
     sense = _sense_of_travelled_angle(recording)
+    sign = -1 if sense == "CW" else 1
+    if not zero:
+        start_deg = _start_of_travel(recording)
+        if start_deg is not None:
+            header = f"the header {_header_of_angles(recording)!r}"
+            recording.note("angle", f"from {start_deg:g}°, {sense}", header, "--angle-zero")
+            return AngleConvention(sign, -sign * start_deg)
+    zero = zero or f"+{plane[0]}"
     sources = [f"the header {_header_of_angles(recording)!r}", *(entry.source for entry in words)]
     for source in sources:
         recording.note("angle", f"from {zero}, {sense}", source, "--angle-zero, --angle-sense")
-    sign = -1 if sense == "CW" else 1
     return AngleConvention(sign, -sign * angle_of_axis(recording, zero, plane))
+
+
+def _start_of_travel(recording: Recording) -> float | None:
+    """Return the stated angle at which the circle starts [deg]; None if nothing states a start.
+
+    Raise an `OpenQuestionError` if lines state several angles, or the start by an axis.
+    """
+    starts = {statement.value for statement in recording.statements.get("start_deg", ())}
+    for line, content in recording.lines_outside:
+        text = content[:LONGEST_TEXT]
+        if len(starts) > 1 or (_START.search(text) and _AXIS.search(text)):
+            raise _unknown_zero(recording, cited_line(line), text.strip())
+    return starts.pop() if starts else None
 
 
 def _note_unread(recording: Recording, plane: str, zero: str, sense: str) -> None:

@@ -46,7 +46,7 @@ from ldbb_bayes.reading.mount_statement import check_mount_is_clear, unread_moun
 from ldbb_bayes.reading.names import unknown_length_in_name
 from ldbb_bayes.reading.paired_columns import split_pairs
 from ldbb_bayes.reading.planes import take_plane_option, unread_plane
-from ldbb_bayes.reading.possible_radii import check_radius_is_possible
+from ldbb_bayes.reading.possible_radii import check_radius_is_possible, check_unit_of_radius
 from ldbb_bayes.reading.recording import LOAD_LISTS, LOAD_ROLES, Recording, option_for
 from ldbb_bayes.reading.repeated_readings import note_repeated_readings
 from ldbb_bayes.reading.runs_above import with_runs_in_header
@@ -334,6 +334,8 @@ def _take_conditions(recording: Recording, loads: Mapping[str, float]) -> None:
     fields["radius_mm"] = quantity_of(recording, "radius_mm", fields.get("radius_mm"))
     if recording.stated_value("radius_mm") is None:
         check_radius_is_possible(recording.place, fields["radius_mm"])
+        if fields["radius_mm"] is None:
+            check_unit_of_radius(recording.place, recording.heading.lines_above)
 
 
 def _check_lines(recordings: Iterable[Recording], campaign: Mapping[str, Any]) -> None:

@@ -165,7 +165,7 @@ def _tables_in_dict(content: Mapping[str, Any], name: str) -> Iterator[EntryTabl
             tables = list(_tables_in(value, _name_of_part(content, key, name)))
             inner_tables += tables
             if not tables:
-                statements += _statements_of(key, value)
+                statements += _statements_of(key, _with_unit_beside(content, key))
     if len(columns) > 1:
         header = [_header_of(key, content[key]) for key in columns]
         rows = [list(row) for row in zip(*columns.values(), strict=True)]
@@ -180,6 +180,17 @@ def _tables_in_dict(content: Mapping[str, Any], name: str) -> Iterator[EntryTabl
             outer_statements = [line for line in statements if line not in repeated]
         table.statements = [*outer_statements, *table.statements]
         yield table
+
+
+def _with_unit_beside(content: Mapping[str, Any], key: str) -> Any:
+    """Return the value under a key of a JSON object, with the unit under another key if it has one.
+
+    The unit of the number under ``radius`` is the text under ``radius_unit``.
+    """
+    unit = content.get(f"{key}_unit")
+    if isinstance(content[key], _Number) and isinstance(unit, str):
+        return {"value": content[key], "unit": unit}
+    return content[key]
 
 
 def _name_of_part(content: Mapping[str, Any], key: str, name: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from ldbb_bayes.reading.column_roles import names_circle
@@ -13,7 +14,7 @@ from ldbb_bayes.reading.unit_lines import (
     is_unit_with_unread_factor,
     partner_of_units,
 )
-from ldbb_bayes.reading.words import ROLES, UNITS, comparable, scaled_unit, unit_named
+from ldbb_bayes.reading.words import ROLES, UNITS, WORDS, comparable, scaled_unit, unit_named
 
 __all__ = ["unit_columns"]
 
@@ -22,6 +23,9 @@ __all__ = ["unit_columns"]
 _PLAIN_UNITS = frozenset(
     {"um", "mm", "cm", "nm", "inch", "mil", "uinch", "deg", "rad", "gon", "kN"}
 )
+# Regular expression for the header of a column of feeds, and the units of feeds.
+_FEED = re.compile(WORDS["numbers"]["feed_mm_per_min"]["words"], re.IGNORECASE)
+_UNITS_OF_FEED = frozenset(WORDS["numbers"]["feed_mm_per_min"]["units"])
 # A column of units may have no header. A unit in such a column may have a factor up to this number,
 # such as 10 in 10 nm.
 _LARGEST_FACTOR = 10.0
@@ -51,7 +55,7 @@ def unit_columns(
     for column, header in enumerate(headers):
         if column in numeric or partner_of_units(header) or not _holds_units(header, cells[column]):
             continue
-        if column and _holds_another_length(
+        if column and _holds_radius_or_feed(
             headers[column - 1], cells[column], column - 1, numeric
         ):
             pairs.setdefault(column - 1, column)
@@ -65,17 +69,20 @@ def unit_columns(
     return pairs
 
 
-def _holds_another_length(
+def _holds_radius_or_feed(
     header: str, units: Sequence[str], column: int, numeric: Sequence[int]
 ) -> bool:
-    """Return whether a column without a role is named after a length, such as ``Radius``.
+    """Return whether a column without a role is named after the radius or the feed.
 
     ``header`` is its header and ``column`` its index; ``units`` are the cells of the column of
-    units behind it, which must be units of length. ``numeric`` are the columns with a role.
+    units behind it, which must be units of the same kind. ``numeric`` are the columns with a role.
     """
-    if column in numeric or unit_of(header).unit or not names_circle(unit_of(header).name):
+    if column in numeric or unit_of(header).unit:
         return False
-    return all(unit_named(unit.strip("[]() ")) in UNITS["reading"] for unit in units)
+    if _FEED.fullmatch(comparable(header)):
+        return all(unit.strip("[]() ") in _UNITS_OF_FEED for unit in units)
+    is_circle = names_circle(unit_of(header).name)
+    return is_circle and all(unit_named(unit.strip("[]() ")) in UNITS["reading"] for unit in units)
 
 
 def _pairs_by_name(headers: Sequence[str], numeric: Sequence[int]) -> dict[int, int]:

@@ -117,3 +117,23 @@ def test_travelled_angles_of_both_directions_are_counted_each_its_own_way(tmp_pa
     assert imported.layout.angle_sense is None
     again = lb.import_campaign(paths, layout=imported.layout).campaign
     np.testing.assert_allclose(again.tests[0].angle_deg, clockwise.angle_deg)
+
+
+@pytest.mark.parametrize(("direction", "sign"), [("CW", -1.0), ("CCW", 1.0)])
+def test_a_travelled_angle_begins_at_the_stated_start(
+    tmp_path: Path, direction: str, sign: float
+) -> None:
+    path = written(tmp_path, direction, CCW_OF_TWO_LAPS[:72], above="Start angle: 90°")
+    path.write_text(path.read_text().replace("angle_deg", "Travelled angle [deg]"))
+    (test,) = lb.import_campaign(path).campaign.tests
+    np.testing.assert_allclose(test.angle_deg, 90.0 + sign * CCW_OF_TWO_LAPS[:72])
+
+
+def test_the_axis_at_which_a_travelled_angle_begins_is_asked_for(tmp_path: Path) -> None:
+    path = written(tmp_path, "CW", CCW_OF_TWO_LAPS[:72], above="Start: +Y")
+    path.write_text(path.read_text().replace("angle_deg", "Travelled angle [deg]"))
+    with pytest.raises(lb.InputError, match=r"got 'Start: \+Y' in line 2.*--angle-zero"):
+        lb.import_campaign(path)
+    layout = lb.reading.Layout(angle_zero="+Y")
+    (test,) = lb.import_campaign(path, layout=layout).campaign.tests
+    np.testing.assert_allclose(test.angle_deg, 90.0 - CCW_OF_TWO_LAPS[:72])

@@ -97,3 +97,33 @@ def test_a_load_before_other_cells_is_taken(line: str, tmp_path: Path) -> None:
     path.write_text(f"{line}\nAngle [deg];Deviation [um]\n{rows}")
     (test,) = lb.import_campaign(path).campaign.tests
     assert test.force_N == 100.0
+
+
+def test_a_unit_of_the_radius_under_a_key_of_its_own_is_taken(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    run = {"force": 300, "force_unit": "N", "data": ROWS}
+    path.write_text(json.dumps({"radius": 10, "radius_unit": "cm", "unit": "um", "runs": [run]}))
+    (test,) = lb.import_campaign(path).campaign.tests
+    assert test.radius_mm == pytest.approx(100.0)
+    assert test.force_N == 300.0
+
+
+def test_units_behind_radius_and_feed_belong_to_them(tmp_path: Path) -> None:
+    path = tmp_path / "300N.csv"
+    rows = "".join(f"10;cm;1;m/min;{angle};{reading}\n" for angle, reading in ROWS)
+    path.write_text(f"Radius;Unit;Feed;Unit;Angle;Deviation [um]\n{rows}")
+    campaign = lb.import_campaign(path).campaign
+    assert campaign.tests[0].radius_mm == pytest.approx(100.0)
+    assert campaign.feed_mm_per_min == pytest.approx(1000.0)
+
+
+@pytest.mark.parametrize("line", ["Radius;0.5;ft", "Radius: 1 dm"])
+def test_a_radius_in_a_unit_that_is_not_read_is_asked_for(line: str, tmp_path: Path) -> None:
+    path = tmp_path / "300N.csv"
+    rows = "".join(f"{angle};{reading}\n" for angle, reading in ROWS)
+    path.write_text(f"{line}\nAngle [deg];Deviation [um]\n{rows}")
+    layout = lb.reading.Layout(measured="radius")
+    with pytest.raises(lb.InputError, match="the radius must be in mm, cm, m or inch"):
+        lb.import_campaign(path, layout=layout)
+    (test,) = lb.import_campaign(path, layout=layout, radius_mm=152.4).campaign.tests
+    assert test.angle_deg[1] == 10.0
