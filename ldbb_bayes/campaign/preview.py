@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.campaign.campaign_remarks import campaign_remarks
-from ldbb_bayes.campaign.circle_preview import TestPreview, preview_test, resolution_of
+from ldbb_bayes.campaign.circle_preview import TestPreview, preview_test
 from ldbb_bayes.campaign.fit_assumptions import fit_assumptions
 from ldbb_bayes.campaign.remarks import Remark, RemarkKind
 from ldbb_bayes.results import Result
 
-__all__ = ["CampaignPreview", "check_campaign", "preview_of_model", "resolution_of"]
+__all__ = ["CampaignPreview", "check_campaign", "preview_of_model"]
 
 # Remarks on what a fit will assume that hold only if the model has a certain term. The values are
 # the names of the classes of the terms.

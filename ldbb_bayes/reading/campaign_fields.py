@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import LABELS, CircularTest, ForceLaw, MountCompensation
-from ldbb_bayes.campaign.preview import resolution_of
+from ldbb_bayes.campaign.circle_preview import resolution_of
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.reading.assumptions import NOTHING_STATED, AssumptionLog, shown_list
