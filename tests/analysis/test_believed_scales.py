@@ -64,7 +64,7 @@ def test_information_of_several_machines_is_that_of_each_alone(rng: np.random.Ge
 def test_correlations_of_few_draws_are_shrunk(machines: int) -> None:
     """Of K draws of two scores that are always equal, the correlation is K / (K + 2), not 1."""
     scores = np.linspace(-1.0, 3.0, machines)
-    before = _ScoresBefore.of(np.stack([scores, scores], axis=1), run=1)
+    before = _ScoresBefore.of(np.stack([scores, scores], axis=1), tests_run=1)
     covariance = before.root @ before.root.T
     np.testing.assert_allclose(before.mean, 1.0, rtol=1e-12)
     np.testing.assert_allclose(np.diag(covariance), scores.var(ddof=1), rtol=1e-12)
