@@ -303,8 +303,9 @@ def _check_archive(path: Path, raw: bytes) -> None:
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
             members = archive.infolist()
+            holds_workbook = any(member.filename.startswith(_IN_WORKBOOKS) for member in members)
             require(
-                any(member.filename.startswith(_IN_WORKBOOKS) for member in members),
+                holds_workbook or path.suffix.lower() in WORKBOOK_SUFFIXES,
                 f"{path} must be unpacked, got an archive. Unpack it and name the files in it.",
             )
             _check_size(path, members)
