@@ -550,12 +550,14 @@ def _differs(
     both: pd.DataFrame, names: list[str], stored: pd.DataFrame, tolerance: float
 ) -> pd.DataFrame:
     """Where columns of rows made again are not those kept, within a tolerance relative to the
-    largest value kept."""
+    largest value kept; with an infinite tolerance any number may stand for any other."""
     columns = {}
     for name in names:
         new = both[name]
         old = both[f"{name} kept"]
-        is_far = (new - old).abs() > tolerance * stored[name].abs().max()
+        is_far = pd.Series(False, index=both.index)
+        if np.isfinite(tolerance):
+            is_far = (new - old).abs() > tolerance * stored[name].abs().max()
         columns[name] = is_far | (new.isna() != old.isna())
     return pd.DataFrame(columns, index=both.index)
 
