@@ -138,6 +138,7 @@ def test_beliefs_are_true_after_many_circles() -> None:
     np.testing.assert_allclose(ratio.mean(axis=(0, 1)), 1.0, atol=0.15)
 
 
+@pytest.mark.slow
 def test_what_circles_run_so_far_show_counts_in_the_belief_about_scales() -> None:
     """One more circle in the same direction hardly shows more of hysteresis: the belief about its
     size stays the posterior of the circles run so far, not the prior."""

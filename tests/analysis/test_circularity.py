@@ -214,6 +214,7 @@ def test_contributions_as_the_paper_states_them(recovered: lb.Campaign) -> None:
     assert ends == pytest.approx([-7.0, -26.0, 19.0], abs=0.6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("force_N", [60.0, 742.0])
 def test_the_contribution_of_a_compliance_contains_the_joint_load(
     recovered: lb.Campaign, force_N: float

@@ -47,6 +47,7 @@ def test_extremes_are_at_the_angles_of_the_curve() -> None:
     np.testing.assert_allclose(extremes.angle_of_smallest_rad, 0.5 * np.pi)
 
 
+@pytest.mark.slow
 def test_extremes_between_whole_degrees_are_those_of_a_dense_search() -> None:
     """Curves of all orders, at every 0.001° about their best whole degree."""
     rng = np.random.default_rng(7)

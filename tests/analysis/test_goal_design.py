@@ -391,6 +391,7 @@ def just_missed():
     return lb.design(MODEL, PILOT, goals={"E_C0YX": 1.02 * floor}, forces_N=FORCES, costs=costs)
 
 
+@pytest.mark.slow
 def test_a_goal_that_only_very_many_circles_reach_is_a_near_miss(just_missed):
     near_miss = just_missed.near_misses["E_C0YX"]
     assert just_missed.plans == ()

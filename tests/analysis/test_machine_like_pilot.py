@@ -49,6 +49,7 @@ def test_machines_change_with_force_as_the_pilot_leaves_likely() -> None:
     np.testing.assert_allclose(np.std(changes), wanted.sd, rtol=0.3)
 
 
+@pytest.mark.slow
 def test_the_bar_is_that_of_the_pilot_only_in_a_plan_that_adds_to_it() -> None:
     design = lb.design(MODEL, PILOT, tests=2, forces_N=(36.0, 742.0), augment=True)
     added = draw_machine_like_pilot(MODEL, design.plan(), 1)

@@ -159,6 +159,7 @@ def test_a_direction_that_no_test_states_stands_in_parentheses(tab: Tab) -> None
     assert '<td data-head="Richtung">im Uhrzeigersinn</td>' in page
 
 
+@pytest.mark.slow
 def test_order_and_drift_are_stated_on_the_page(tab: Tab) -> None:
     tab.holding(*sorted(RECOVERED.glob("f*.csv")))
     page = tab.ask("GET", "part/understood")[1]

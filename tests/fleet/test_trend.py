@@ -643,6 +643,7 @@ def test_the_figure(case: str) -> None:
     assert "(nm/N)" in visible[0].get_ylabel()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("count", "with_dates"),
     [(2, {0, 1}), (3, {0, 1, 2}), (4, {2, 3}), (5, {2, 3, 4})],
