@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from ldbb_bayes.analysis.extremes import extremes_of, extremes_on_circle, without_noise_excess
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, basis, coefficients
