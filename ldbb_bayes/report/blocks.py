@@ -48,8 +48,9 @@ class Banner:
         Sentence that states whether the results on this sheet can be used, and the most
         serious reasons for caution.
     cure
-        Sentence on what to do about the most serious reason. The sheet does not show it; it is
-        printed at the terminal. Empty if nothing can be done, or if ``sentence`` says it.
+        Sentence on what to do about the first of these reasons that has a cure. It is printed at
+        the terminal, and the sheet does not show it. Empty if nothing can be done, or if
+        ``sentence`` says it.
     """
 
     kind: str

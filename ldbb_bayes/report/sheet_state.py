@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 from ldbb_bayes.analysis.usability import Judgement, Use, judge_fit
 from ldbb_bayes.campaign.campaign import Campaign
@@ -39,12 +40,20 @@ _CHANGE_IS_CERTAIN = 0.95
 _CHANGE_IS_LIKELY = 0.5
 
 
+class _Caution(NamedTuple):
+    """A reason for caution in the words of the banner, and what to do about it."""
+
+    text: str
+    #: a sentence; empty if nothing can be done, or if ``text`` says it
+    cure: str = ""
+
+
 def banner(numbers: SheetNumbers) -> Banner:
     """Return the banner, which states whether the results of a fit can be used, and why."""
     words = numbers.words
     findings = numbers.findings
     is_unusable = numbers.are_unusable
-    reasons = _reason_texts(
+    cautions = _cautions(
         numbers.judgement,
         fit_of(findings.posterior),
         campaign_of(findings.posterior),
@@ -52,41 +61,37 @@ def banner(numbers: SheetNumbers) -> Banner:
         words,
     )
     if findings.has_flat_priors:
-        reasons.append(words("state.least_squares"))
+        cautions.append(_Caution(words("state.least_squares")))
     forces_N = campaign_of(findings.posterior_of_certificate).forces_N
     if not forces_N.min() <= numbers.force_N <= forces_N.max():
         outside = words("state.outside", force=words.number(f"{numbers.force_N:.4g}"))
         # If the certificate's force is outside the tested range, this is the first reason for
         # caution that the banner states. Only a reason why the numbers cannot be used at all comes
         # before it.
-        reasons.insert(1 if is_unusable else 0, outside)
+        cautions.insert(1 if is_unusable else 0, _Caution(outside))
     copies = _copied_tests(findings.preview)
     if copies:
         # A file that was read twice makes U too small, without any sign of it in the fit.
         text = words("state.copies", names=words.joined(copies))
-        reasons.insert(1 if is_unusable else 0, text)
+        cautions.insert(1 if is_unusable else 0, _Caution(text))
 
     kind = "usable"
     if is_unusable:
         kind = "unusable"
-    elif reasons:
+    elif cautions:
         kind = "reserved"
-    because = "; ".join(reasons[:_MOST_REASONS]) or words("state.fits")
+    stated = cautions[:_MOST_REASONS]
+    because = _joined_texts(stated) or words("state.fits")
     if not is_unusable:
         because += _missing_certificates(findings, words)
-    return Banner(kind, _state_sentence(kind, because, words), _cure(numbers.judgement, words))
+    # A cure of a reason that the sentence does not state would speak of circles without a name.
+    cures = [caution.cure for caution in stated if caution.cure]
+    return Banner(kind, _state_sentence(kind, because, words), cures[0] if cures else "")
 
 
-def _cure(judgement: Judgement, words: Words) -> str:
-    """Return a sentence on what to do about the most serious reason that has a cure.
-
-    The sentence is empty if no reason has a cure, or if its own text states the cure.
-    """
-    for reason in judgement.reasons:
-        kind = str(reason.kind).replace("-", "_")
-        if kind in words.table["cures"]:
-            return words(f"cures.{kind}")
-    return ""
+def _joined_texts(cautions: Sequence[_Caution]) -> str:
+    """Return the texts of reasons for caution as one text."""
+    return "; ".join(caution.text for caution in cautions)
 
 
 def banner_of_fit(name: str, fit: Fit, campaign: Campaign, words: Words) -> Banner | None:
@@ -110,8 +115,8 @@ def banner_of_fit(name: str, fit: Fit, campaign: Campaign, words: Words) -> Bann
     if judgement.use == Use.CAN_BE_USED:
         return None
     kind = "unusable" if judgement.use == Use.DO_NOT_USE else "reserved"
-    reasons = _reason_texts(judgement, fit, campaign, {}, words)
-    sentence = _state_sentence(kind, "; ".join(reasons[:_MOST_REASONS]), words)
+    cautions = _cautions(judgement, fit, campaign, {}, words)
+    sentence = _state_sentence(kind, _joined_texts(cautions[:_MOST_REASONS]), words)
     return Banner(kind, f"{name}: {sentence}")
 
 
@@ -127,14 +132,14 @@ def _state_sentence(kind: str, because: str, words: Words) -> str:
     )
 
 
-def _reason_texts(
+def _cautions(
     judgement: Judgement,
     fit: Fit,
     campaign: Campaign,
     quantities: Mapping[str, StatedQuantity],
     words: Words,
-) -> list[str]:
-    """Return the reasons for caution as texts, one for each kind of reason.
+) -> list[_Caution]:
+    """Return the reasons for caution in words, one for each kind of reason.
 
     ``judgement`` states the reasons, which come from the fit of a campaign. ``quantities`` are the
     parameters that the certificate states.
@@ -143,10 +148,10 @@ def _reason_texts(
     for reason in judgement.reasons:
         names = names_by_kind.setdefault(str(reason.kind).replace("-", "_"), [])
         names += reason.names
-    texts: list[str] = []
+    cautions: list[_Caution] = []
     for kind, names in names_by_kind.items():
         if kind == "unit":
-            texts += _unit_texts(fit, campaign, words)
+            cautions += [_Caution(text) for text in _unit_texts(fit, campaign, words)]
             continue
         labels = _labels(names, quantities)
         text = words(
@@ -155,8 +160,9 @@ def _reason_texts(
             count=str(len(names)),
             all=str(len(quantities)),
         )
-        texts.append(text)
-    return texts
+        has_cure = kind in words.table["cures"]
+        cautions.append(_Caution(text, words(f"cures.{kind}") if has_cure else ""))
+    return cautions
 
 
 def _unit_texts(fit: Fit, campaign: Campaign, words: Words) -> Iterator[str]:

@@ -413,6 +413,29 @@ def test_weights_that_are_not_exact_enough_come_with_a_cure(
     assert banner(SheetNumbers(varying, words_of(language), 36.0)).cure.startswith(cure)
 
 
+def test_a_reason_that_the_sentence_leaves_out_has_no_cure(
+    varying: Findings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The sentence has room for two reasons; "these circles" would be circles without a name."""
+    kinds = (ReasonKind.UNIT, ReasonKind.BALLS, ReasonKind.HYPER)
+    monkeypatch.setattr("ldbb_bayes.report.sheet_state._unit_texts", lambda *_: ["wrong unit"])
+    judged = Judgement(Use.DO_NOT_USE, tuple(Reason(kind) for kind in kinds))
+    monkeypatch.setattr(SheetNumbers, "judgement", judged)
+    stated = banner(SheetNumbers(varying, words_of("en"), 36.0))
+    assert "scatter more than expected" not in stated.sentence
+    assert stated.cure == ""
+
+
+def test_the_cure_is_that_of_the_first_stated_reason_that_has_one(
+    varying: Findings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kinds = (ReasonKind.BALLS, ReasonKind.TRUNCATION, ReasonKind.HYPER)
+    judged = Judgement(Use.DO_NOT_USE, tuple(Reason(kind) for kind in kinds))
+    monkeypatch.setattr(SheetNumbers, "judgement", judged)
+    stated = banner(SheetNumbers(varying, words_of("en"), 36.0))
+    assert stated.cure.startswith("Check sign, unit and forces of the readings")
+
+
 def test_results_without_reservation_need_no_cure(
     varying: Findings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
