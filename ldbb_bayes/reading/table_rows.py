@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from bisect import bisect_left
 from collections.abc import Sequence
 
 from ldbb_bayes.campaign.text_table import Row
@@ -65,11 +66,13 @@ def remarks_between(sheet: Sheet, heading: Heading) -> list[Row]:
     plain = [row for row in rows if _is_plain_remark(row)]
     if not plain or column is None:
         return []
-    lines = [row.line for row in rows if row not in plain]
-    values = [_value_of(row, column) for row in rows if row not in plain]
+    lines_of_remarks = {row.line for row in plain}
+    others = [row for row in rows if row.line not in lines_of_remarks]
+    lines = [row.line for row in others]
+    values = [_value_of(row, column) for row in others]
     remarks = []
     for remark in plain:
-        n_before = sum(line < remark.line for line in lines)
+        n_before = bisect_left(lines, remark.line)
         if n_before == 0 or _run_on(values[max(n_before - 2, 0) : n_before + 1]):
             remarks.append(remark)
     return remarks

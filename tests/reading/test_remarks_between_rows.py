@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 import pytest
 
 import ldbb_bayes as lb
+from ldbb_bayes.campaign.text_table import Row
+from ldbb_bayes.reading.heading import find_heading
+from ldbb_bayes.reading.layout import Layout
+from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.table_rows import remarks_between
 
 READINGS_UM = np.array([(7 * k) % 11 - 4.75 for k in range(36)])
 
@@ -30,6 +36,21 @@ def test_a_remark_where_the_angles_run_on_is_left_out_and_told(remark: str, tmp_
     np.testing.assert_allclose(imported.campaign.tests[0].reading_um, READINGS_UM)
     notes = [note.because for note in imported.assumptions if note.what == "left out"]
     assert notes == [f"{remark!r} in line 22"]
+
+
+def test_many_remarks_in_a_long_log_are_found_in_seconds() -> None:
+    lines = [["Angle [deg]", "Deviation [um]"]]
+    for k in range(40_000):
+        lines.append([f"{0.009 * k:.3f}", f"{k % 7}"])
+        if k % 10 == 5:
+            lines.append(["# pause"])
+    rows = [Row(k, cells) for k, cells in enumerate(lines, start=1)]
+    sheet = Sheet(Path("log.csv"), "", rows, "utf-8", ";")
+    heading = find_heading(sheet, Layout())
+    start = process_time()
+    remarks = remarks_between(sheet, heading)
+    assert process_time() - start < 5.0
+    assert len(remarks) == 4_000
 
 
 def test_marks_of_start_and_end_are_left_out(tmp_path: Path) -> None:
