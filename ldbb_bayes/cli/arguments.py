@@ -29,7 +29,6 @@ __all__ = [
     "JSON",
     "PRIOR_FROM",
     "QUIET",
-    "SAMPLER",
     "SEED",
     "CampaignArgument",
     "Certificates",
@@ -299,7 +298,6 @@ _CERTIFICATE_KEYWORDS = [
 _SHARED = options_of("shared")
 CI = _SHARED["ci"]
 SEED = _SHARED["seed"]
-SAMPLER = _SHARED["sampler"]
 ESS = _SHARED["ess"]
 FORCE = _SHARED["force"]
 JSON = _SHARED["json"]

@@ -18,7 +18,7 @@ from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line, w
 from ldbb_bayes.reading.machines_in_names import check_names_are_of_one_machine
 from ldbb_bayes.reading.names import plane_in_name
 from ldbb_bayes.reading.planes import PLANE_OF_SWAPPED, check_plane
-from ldbb_bayes.reading.recording import UNITS_SHOWN, Recording, option_for
+from ldbb_bayes.reading.recording import FIELDS_OF_MACHINE, UNITS_SHOWN, Recording, option_for
 
 __all__ = ["find_resolution", "note_assumed_fields", "take_stated_fields"]
 
@@ -39,9 +39,6 @@ _NAMES = ("operator", "place", "ball_bar", "force_device")
 # Fields of a campaign for which files may state different values. For any other field, different
 # values are an error.
 _MAY_DIFFER = (*_NAMES, "ball_bar_calibrated", "feed_mm_per_min")
-# Fields that state which machine was measured. If their values differ, the files may hold tests of
-# several machines, which must not become one campaign.
-_OF_MACHINE = ("machine_type", "serial_number")
 # Two numbers that are stated for one field count as equal if they agree when rounded to this number
 # of decimals.
 _COMPARED_PLACES = 9
@@ -309,7 +306,7 @@ def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> 
             check_plane(recording.place, plane, place, "angle" in recording.numbers)
     listed = " and ".join(f"{value} in {place}" for value, place in places.items())
     remedy = f"Correct the lines, or give {_OPTIONS[key]}."
-    if key in _OF_MACHINE:
+    if key in FIELDS_OF_MACHINE:
         choice = "--sheets with those of one" if recording.sheet.name else "name the files of one"
         remedy = (
             f"Import machines one by one ({choice}). Of one machine, correct the lines, or give"

@@ -8,7 +8,7 @@ from typing import Any
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.names import name_as_words
-from ldbb_bayes.reading.recording import Recording
+from ldbb_bayes.reading.recording import FIELDS_OF_MACHINE, Recording
 from ldbb_bayes.reading.words import LONGEST_NAME, WORDS
 
 __all__ = ["check_names_are_of_one_machine"]
@@ -43,7 +43,7 @@ def check_names_are_of_one_machine(
     InputError
         If two names differ in the number of the machine.
     """
-    if any(campaign.get(key) for key in ("machine_type", "serial_number", "machine_id")):
+    if any(campaign.get(key) for key in (*FIELDS_OF_MACHINE, "machine_id")):
         return
     first: tuple[str, Recording] | None = None
     for recording in recordings:

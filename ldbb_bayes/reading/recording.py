@@ -17,6 +17,7 @@ from ldbb_bayes.reading.texts_beside import TextBeside
 from ldbb_bayes.results import Array
 
 __all__ = [
+    "FIELDS_OF_MACHINE",
     "LOAD_LISTS",
     "LOAD_ROLES",
     "UNITS_SHOWN",
@@ -32,6 +33,9 @@ LOAD_ROLES = {"force_N": "force", "pressure_bar": "pressure"}
 # Names of fields. Each key is the field for the force or the pressure of one test; its value is the
 # field of the user's layout that lists the forces or the pressures of all tests.
 LOAD_LISTS = {"force_N": "forces_N", "pressure_bar": "pressures_bar"}
+# Fields that state which machine was measured. If their values differ, the files may hold tests of
+# several machines, which must not become one campaign.
+FIELDS_OF_MACHINE = ("machine_type", "serial_number")
 # Units in which messages show the values of fields; the keys are the names of the fields.
 UNITS_SHOWN = {
     "force_N": "N",

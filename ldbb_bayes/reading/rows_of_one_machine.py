@@ -9,12 +9,11 @@ from ldbb_bayes.campaign.text_table import LONGEST_CELL_SHOWN
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.heading import unused_columns
 from ldbb_bayes.reading.lines_above import statements_in
-from ldbb_bayes.reading.recording import option_for
+from ldbb_bayes.reading.recording import FIELDS_OF_MACHINE, option_for
 from ldbb_bayes.reading.sheet_columns import SheetColumns
 
 __all__ = ["check_rows_are_of_one_machine"]
 
-_OF_MACHINE = ("machine_type", "serial_number")
 # A test may begin before midnight and end after it.
 _LONGEST_TEST = timedelta(days=1)
 
@@ -49,7 +48,7 @@ def check_rows_are_of_one_machine(
         if not header or not filled:
             continue
         keys = statements_in([(0, f"{header}: {cells[filled[0]]}")])
-        for key in _OF_MACHINE:
+        for key in FIELDS_OF_MACHINE:
             if key in keys and key not in stated:
                 _check_is_one_machine(columns, column, filled, key)
         if "date" in keys:

@@ -14,6 +14,7 @@ from ldbb_bayes.reading.unit_lines import (
     is_unit_with_unread_factor,
     partner_of_units,
 )
+from ldbb_bayes.reading.unit_rows import UNITS_OF_FEED
 from ldbb_bayes.reading.words import ROLES, UNITS, WORDS, comparable, scaled_unit, unit_named
 
 __all__ = ["unit_columns"]
@@ -23,9 +24,8 @@ __all__ = ["unit_columns"]
 _PLAIN_UNITS = frozenset(
     {"um", "mm", "cm", "nm", "inch", "mil", "uinch", "deg", "rad", "gon", "kN"}
 )
-# Regular expression for the header of a column of feeds, and the units of feeds.
+# Regular expression for the header of a column of feeds.
 _FEED = re.compile(WORDS["numbers"]["feed_mm_per_min"]["words"], re.IGNORECASE)
-_UNITS_OF_FEED = frozenset(WORDS["numbers"]["feed_mm_per_min"]["units"])
 # A column of units may have no header. A unit in such a column may have a factor up to this number,
 # such as 10 in 10 nm.
 _LARGEST_FACTOR = 10.0
@@ -80,7 +80,7 @@ def _holds_radius_or_feed(
     if column in numeric or unit_of(header).unit:
         return False
     if _FEED.fullmatch(comparable(header)):
-        return all(unit.strip("[]() ") in _UNITS_OF_FEED for unit in units)
+        return all(unit.strip("[]() ") in UNITS_OF_FEED for unit in units)
     is_circle = names_circle(unit_of(header).name)
     return is_circle and all(unit_named(unit.strip("[]() ")) in UNITS["reading"] for unit in units)
 

@@ -8,7 +8,13 @@ from collections.abc import Sequence
 from ldbb_bayes.reading.names import load_in_name
 from ldbb_bayes.reading.words import WORDS, comparable, scaled_unit
 
-__all__ = ["COMMENT_SIGN", "joined_factors", "row_of_units", "without_comment_sign"]
+__all__ = [
+    "COMMENT_SIGN",
+    "UNITS_OF_FEED",
+    "joined_factors",
+    "row_of_units",
+    "without_comment_sign",
+]
 
 # Regular expression for a sign, such as #, with which a line of a file begins if it is a comment.
 COMMENT_SIGN = re.compile(r"^\s*(?:#|%|//)(?=\s|$)")
@@ -20,7 +26,7 @@ _BRACKETED = re.compile(r"[\[({].*[\])}]")
 # separated by blanks.
 _FACTOR = re.compile(r"[\[({]?(?:1/)?\d+(?:[.,]\d+)?[x×*]?")
 # Units of feed, which may stand beside units of angle, length and time in a row of units.
-_UNITS_OF_FEED = frozenset(WORDS["numbers"]["feed_mm_per_min"]["units"])
+UNITS_OF_FEED = frozenset(WORDS["numbers"]["feed_mm_per_min"]["units"])
 # Largest number that may precede a unit in a row of units, such as 10 in "10 nm". After a larger
 # number, as in "100 mm", the cell is a length and not a unit.
 _LARGEST_FACTOR = 10.0
@@ -88,7 +94,7 @@ def _unit_in_row(text: str) -> str:
 
 def _is_known(text: str) -> bool:
     """Return whether a text is a known unit of angle, length, time or load, or of the feed."""
-    return bool(_unit_in_row(text)) or text in _UNITS_OF_FEED
+    return bool(_unit_in_row(text)) or text in UNITS_OF_FEED
 
 
 def _holds_only_units(cells: Sequence[str]) -> bool:

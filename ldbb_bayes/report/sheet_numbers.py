@@ -33,6 +33,7 @@ from ldbb_bayes.report.stated_circle import circle_phrase, tests_of_stated_circl
 from ldbb_bayes.report.stated_quantity import StatedQuantity
 from ldbb_bayes.report.stiffness_numbers import stiffness_quantities
 from ldbb_bayes.report.translation import Words
+from ldbb_bayes.report.wording.number_words import SURE
 from ldbb_bayes.units import display_name, is_slope, three_digits
 
 if TYPE_CHECKING:
@@ -44,9 +45,6 @@ if TYPE_CHECKING:
 
 __all__ = ["SheetNumbers"]
 
-# A remark states that a compliance increases with force if the probability of an increase is at
-# least this value. The same limit applies to a decrease.
-_SURE = 0.95
 # If the credible interval of a compliance C begins below this fraction of the median of C, the test
 # certificate states only a lower limit of the stiffness 1 / C.
 _HARDLY_POSITIVE = 0.2
@@ -506,13 +504,13 @@ class SheetNumbers:
 
 
 def _direction_of_change(change: ChangeWithForce) -> Literal["increases", "decreases", "no_change"]:
-    """Return whether a compliance increases or decreases with force.
+    """Return whether a compliance increases or decreases with force, as a remark states it.
 
     The result is "no_change" if an increase and a decrease both have probabilities below 95 %.
     """
-    if change.probability_of_increase >= _SURE:
+    if change.probability_of_increase >= SURE:
         return "increases"
-    if change.probability_of_decrease >= _SURE:
+    if change.probability_of_decrease >= SURE:
         return "decreases"
     return "no_change"
 

@@ -39,7 +39,7 @@ def trend_sentences(trend: Any) -> tuple[str, ...]:
     """Return sentences on the trend of a machine, the most important sentence first.
 
     A trend is the change of one machine's parameters over its campaigns. ``trend`` is the result of
-    `fit_trend`. Sentences on limitations of the trend are not included.
+    `find_trend`. Sentences on limitations of the trend are not included.
     """
     estimates = trend.estimates
     probability_of_time = 0.0
