@@ -42,7 +42,7 @@ def parts_of_ods(raw: bytes) -> dict[str, SheetParts]:
             content = xml_root(archive, "content.xml")
             roots = [content]
             if "styles.xml" in archive.namelist():
-                roots.append(xml_root(archive, "styles.xml"))
+                roots.insert(0, xml_root(archive, "styles.xml"))
     except (KeyError, ValueError, ElementTree.ParseError, zipfile.BadZipFile):
         return {}
     units = _units_of_styles(roots)
@@ -56,15 +56,15 @@ def _units_of_styles(roots: list[ElementTree.Element]) -> dict[str, str]:
     """Return a dict with the units in the number formats of cell styles.
 
     The keys are the names of the styles; an empty unit stands for a format without a unit. Styles
-    without a number format are left out. ``roots`` are the files that hold styles.
+    without a number format are left out. ``roots`` are the files that hold styles. If two of them
+    use one name, for two styles or formats, the later file overrides the earlier one.
     """
     unit_by_format = {}
+    units = {}
     for root in roots:
         for data_style in root.iter(f"{_NUMBER}number-style"):
             texts = [text.text or "" for text in data_style.findall(f"{_NUMBER}text")]
             unit_by_format[data_style.get(f"{_STYLE}name")] = unit_shown("".join(texts))
-    units = {}
-    for root in roots:
         for style in root.iter(f"{_STYLE}style"):
             number_format = style.get(f"{_STYLE}data-style-name")
             if number_format is not None:

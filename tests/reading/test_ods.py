@@ -59,7 +59,9 @@ def table_rows(
     return rows
 
 
-def workbook(folder: Path, rows: list[str], styles: str = "", columns: str = "") -> Path:
+def workbook(
+    folder: Path, rows: list[str], styles: str = "", columns: str = "", common_styles: str = ""
+) -> Path:
     content = (
         f"<office:document-content {SPACES}><office:automatic-styles>{styles}"
         "</office:automatic-styles><office:body><office:spreadsheet>"
@@ -70,6 +72,12 @@ def workbook(folder: Path, rows: list[str], styles: str = "", columns: str = "")
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("mimetype", "application/vnd.oasis.opendocument.spreadsheet")
         archive.writestr("content.xml", content)
+        if common_styles:
+            archive.writestr(
+                "styles.xml",
+                f"<office:document-styles {SPACES}><office:styles>{common_styles}</office:styles>"
+                "</office:document-styles>",
+            )
         archive.writestr(
             "META-INF/manifest.xml",
             '<manifest:manifest xmlns:manifest="urn:oasis:names:tc:opendocument:xmlns:manifest:1.0"'
@@ -86,6 +94,18 @@ def test_the_unit_in_the_format_of_a_radius_is_read(
     imported = lb.import_campaign(workbook(tmp_path, rows, style("r", shown)))
     assert imported.campaign.tests[0].radius_mm == pytest.approx(100.0)
     assert "hidden rows and number formats" not in [note.what for note in imported.assumptions]
+
+
+def test_formats_of_the_content_come_before_common_ones_of_the_same_name(tmp_path: Path) -> None:
+    rows = [row(text("Radius"), number(100.0, "r")), *table_rows()]
+    path = workbook(tmp_path, rows, style("r", " mm"), common_styles=style("r", " cm"))
+    assert lb.import_campaign(path).campaign.tests[0].radius_mm == pytest.approx(100.0)
+
+
+def test_the_unit_in_a_common_format_is_read(tmp_path: Path) -> None:
+    rows = [row(text("Radius"), number(10.0, "r")), *table_rows()]
+    path = workbook(tmp_path, rows, common_styles=style("r", " cm"))
+    assert lb.import_campaign(path).campaign.tests[0].radius_mm == pytest.approx(100.0)
 
 
 def test_the_unit_in_the_format_of_readings_is_read(tmp_path: Path) -> None:
