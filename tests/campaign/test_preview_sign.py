@@ -86,6 +86,14 @@ def test_one_circle_with_the_other_sign_is_named() -> None:
     assert values["expected_um"] == pytest.approx(16.0)
 
 
+def test_the_sentence_on_it_says_which_reading_would_fit() -> None:
+    sentences = lb.check_campaign(mirrored(straight([4.0, 8.0, 12.0, 16.0, 20.0]), 3)).details()
+    assert (
+        "The mean reading of f400 is −16.0 µm, but 16.0 µm would fit the other tests of its circle:"
+        " check the sign of its readings."
+    ) in " ".join(sentences.split())
+
+
 @pytest.mark.parametrize(
     "means_um",
     [

@@ -648,7 +648,7 @@ def test_sheet_2_states_the_form_that_is_assumed_of_a_ball() -> None:
         variance_um2 = (1e3 * draws["tau"].values * relative) ** 2 / 2.0 + 2.5**2 / 24.0
         texts.append(f"{order} waves ± {two_digits(2.0 * np.sqrt(np.mean(variance_um2)))} µm")
     fields = dict(assumption_fields(SheetNumbers(findings, words_of("en"), 389.0)))
-    expected = f"{', '.join(texts)}: sphericity 2.5 µm and what higher orders let expect (assumed)"
+    expected = f"{', '.join(texts)}: sphericity 2.5 µm and what higher orders suggest (assumed)"
     assert fields["Form of the work ball"] == expected
 
 
