@@ -94,7 +94,9 @@ def change_parts(change: Mapping[str, Any]) -> tuple[Passage, ...]:
     cells = change_cells(change)
     rows.append(("change", cells.value, cells.u, cells.interval, cells.unit))
     relative = change["relative"]
-    if relative is not None:
+    if relative is not None and wording.is_exactly_none(change):
+        rows.append(("change / C(F0)", "0", "–", "–", "%"))
+    elif relative is not None:
         in_percent = {key: 100.0 * value for key, value in relative.items()}
         rows.append((*_value_row("change / C(F0)", in_percent, "")[:-1], "%"))
     heads = ("quantity", "value", "u", f"{100 * change['prob']:g} % interval", "unit")

@@ -48,7 +48,7 @@ from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.model.terms.base import Uncertainty
 from ldbb_bayes.reading.assumptions import Assumption
 from ldbb_bayes.report import wording
-from ldbb_bayes.report.change_tables import change_cells
+from ldbb_bayes.report.change_tables import change_cells, change_parts
 from ldbb_bayes.report.findings import findings_of_fit
 from ldbb_bayes.report.page import compose
 from ldbb_bayes.report.pictures import Picture
@@ -454,6 +454,23 @@ def test_a_change_whose_interval_is_zero_has_the_interval_of_a_change_that_is_th
 def test_the_row_of_a_change_whose_interval_is_zero_has_no_uncertainty() -> None:
     cells = change_cells(NO_CHANGE)
     assert cells == ("0", "–", "–", "–", "nm/N")
+
+
+def test_the_relative_change_has_no_uncertainty_either() -> None:
+    compliance = {"mean": 5e-5, "sd": 4e-6, "ci_low": 4.2e-5, "ci_high": 5.8e-5}
+    change = NO_CHANGE | {
+        "prob": 0.95,
+        "smallest_force_N": 36.0,
+        "reference_force_N": 389.0,
+        "largest_force_N": 742.0,
+        "at_smallest": compliance,
+        "at_reference": compliance,
+        "at_largest": compliance,
+        "relative": {"mean": 2e-4, "sd": 2e-3, "ci_low": 0.0, "ci_high": 0.018},
+    }
+    table, _ = change_parts(change)
+    assert isinstance(table, Table)
+    assert table.rows[-1] == ("change / C(F0)", "0", "–", "–", "%")
 
 
 def test_a_change_that_is_almost_certainly_none_is_not_stated_by_the_few_draws() -> None:
