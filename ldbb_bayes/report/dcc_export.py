@@ -36,6 +36,7 @@ from ldbb_bayes.report.message_translation import in_language
 from ldbb_bayes.report.stated_circle import circle_phrase
 from ldbb_bayes.report.stiffness_numbers import principal_direction
 from ldbb_bayes.report.translation import Words, words_of
+from ldbb_bayes.report.wording.number_words import SURE
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import (
     U_PROBABILITY,
@@ -257,7 +258,8 @@ def _change_entries(posterior: xr.DataTree) -> list[dict[str, Any]]:
     The change of a compliance C(F) is C at the largest force tested minus C at the smallest force
     tested. The dictionaries have the keys of those of `_parameter_entries`, but lack the keys
     ``low`` and ``high`` (the ends of the credible interval). The entry ``interval`` is the 95 %
-    interval where value ± U would not describe the change.
+    interval where value ± U would not describe the change, unless the compliance is constant with
+    a probability of 95 % or more.
     """
     curves = force_curves(posterior)
     difference = f"C({curves.largest_force_N:.4g} N) − C({curves.smallest_force_N:.4g} N)"
@@ -269,8 +271,10 @@ def _change_entries(posterior: xr.DataTree) -> list[dict[str, Any]]:
         sd = float(draws.change.std(ddof=1))
         low, high = np.quantile(draws.change, levels).tolist()
         interval = None
-        # If a compliance is constant with a probability of nearly one, the interval is a point.
-        if low < high and needs_interval(mean, sd, (low, high)):
+        # If the compliance is almost certainly constant, an interval with equal tails is a point,
+        # or of the few draws on one side of zero alone (see `wording.is_exactly_none`).
+        is_constant = low == high or float(np.mean(draws.change == 0.0)) >= SURE
+        if not is_constant and needs_interval(mean, sd, (low, high)):
             interval = (low, high)
         entries.append(
             {

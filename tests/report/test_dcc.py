@@ -184,6 +184,24 @@ def test_a_skewed_change_has_its_interval_in_place_of_u(
     assert not words(stated, "valueExpandedMU")
 
 
+def test_a_change_that_is_almost_certainly_none_has_no_interval_of_its_few_draws(
+    posterior: xr.DataTree, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 4000 draws 3840 are zero, 120 above and 40 below: the interval would be [0, …]."""
+    curves = dcc_export.force_curves(posterior)
+    change = np.zeros(4000)
+    change[:120] = np.linspace(1e-6, 7e-6, 120)
+    change[120:160] = np.linspace(-6e-6, -1e-6, 40)
+    draws = curves.compliances["C_CCY"]._replace(at_smallest=np.zeros(4000), at_largest=change)
+    rare = replace(curves, compliances=curves.compliances | {"C_CCY": draws})
+    monkeypatch.setattr(dcc_export, "force_curves", lambda *_: rare)
+    root = check_structure(lb.report.write_dcc(posterior, tmp_path / "dcc.xml"))
+    (stated,) = [element for element in root.iter() if element.get("id") == "C_CCY_change"]
+    assert not words(stated, "intervalMin")
+    (expanded,) = words(stated, "valueExpandedMU")
+    assert float(expanded) == pytest.approx(2.0 * change.std(ddof=1), rel=1e-6)
+
+
 def test_the_probability_of_intervals_does_not_decide_where_U_is_stated(
     posterior: xr.DataTree, tmp_path: Path
 ) -> None:
