@@ -39,12 +39,20 @@ def parts_of_ods(raw: bytes) -> dict[str, SheetParts]:
     """
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
-            content = xml_root(archive, "content.xml")
-            roots = [content]
-            if "styles.xml" in archive.namelist():
-                roots.insert(0, xml_root(archive, "styles.xml"))
+            return _parts_of_archive(archive)
     except (KeyError, ValueError, ElementTree.ParseError, zipfile.BadZipFile):
         return {}
+
+
+def _parts_of_archive(archive: zipfile.ZipFile) -> dict[str, SheetParts]:
+    """Return what `parts_of_ods` returns; ``archive`` is the file.
+
+    Raise an error if the archive has no content, or if the content is damaged.
+    """
+    content = xml_root(archive, "content.xml")
+    roots = [content]
+    if "styles.xml" in archive.namelist():
+        roots.insert(0, xml_root(archive, "styles.xml"))
     units = _units_of_styles(roots)
     parts = {}
     for table in content.iter(f"{_TABLE}table"):

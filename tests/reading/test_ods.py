@@ -123,6 +123,13 @@ def test_the_unit_in_the_format_of_a_column_is_read_behind_repeated_rows(tmp_pat
     np.testing.assert_allclose(test.reading_um, 2.54 * READINGS_UM)
 
 
+def test_a_damaged_number_of_columns_leaves_formats_unread_and_told(tmp_path: Path) -> None:
+    columns = '<table:table-column table:number-columns-repeated="x"/>'
+    imported = lb.import_campaign(workbook(tmp_path, table_rows(), columns=columns))
+    np.testing.assert_allclose(imported.campaign.tests[0].reading_um, READINGS_UM)
+    assert "hidden rows and number formats" in [note.what for note in imported.assumptions]
+
+
 @pytest.mark.parametrize("visibility", ["collapse", "filter"])
 def test_hidden_rows_are_left_out_and_told(visibility: str, tmp_path: Path) -> None:
     rows = table_rows()
