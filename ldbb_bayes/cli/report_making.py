@@ -110,8 +110,8 @@ def _print_report(output: Output, written: WrittenReport, figures: Path | None) 
 
     With the option ``--json``, the content of the file report.json is printed. Without this option,
     the results are printed in words, with the sentence of the first sheet on whether they can be
-    used, followed by the paths of the files. ``figures`` is the folder
-    of the figures, or None if no figures were written.
+    used, followed by the paths of the files. ``figures`` is the folder of the figures, or None if
+    no figures were written.
     """
     folder = output.out or Path()
     if output.as_json:
