@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import LABELS
 from ldbb_bayes.campaign.folder import TOML_NAME
+from ldbb_bayes.campaign.folder_of_tables import advice_on_folder
 from ldbb_bayes.campaign.readings_table import is_tidy_table
 from ldbb_bayes.cli.questions import can_ask, complete_campaign, import_with_answers
-from ldbb_bayes.errors import require
+from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.files.similar_names import advice_on_path
 from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.reading.assumptions import Assumption
@@ -327,11 +328,11 @@ class ReportSource:
         `InputError` if the first of ``paths`` is a folder, or if the tables cannot be imported.
         """
         first = self.paths[0]
-        require(
-            not first.is_dir(),
-            f"{first} must hold {TOML_NAME} or posterior.nc, got neither. Name the tables in it:"
-            f" {first}/*",
-        )
+        if first.is_dir():
+            raise InputError(
+                f"{first} must hold {TOML_NAME} or posterior.nc, got neither."
+                f" {advice_on_folder(first)}"
+            )
         instrument = lb.Instrument(**self.certificates)
 
         def import_with(layout: lb.reading.Layout) -> Imported:

@@ -32,6 +32,7 @@ COMMANDS = [
     "validate",
     "simulate --out out",
     "fit --out out",
+    "report --out out",
     "batch --out out",
 ]
 
@@ -58,6 +59,20 @@ def test_a_folder_of_campaigns_names_one(tmp_path: Path) -> None:
     (tmp_path / "shop" / "mill").mkdir(parents=True)
     (tmp_path / "shop" / "mill" / "campaign.toml").touch()
     refuses("Name one of the campaigns in it, such as .*mill", lb.read_campaign, tmp_path / "shop")
+
+
+def test_a_report_on_a_folder_of_campaigns_names_one(tmp_path: Path, invoke: Invoke) -> None:
+    (tmp_path / "shop" / "mill").mkdir(parents=True)
+    (tmp_path / "shop" / "mill" / "campaign.toml").touch()
+    exit_code, _, message = invoke("report", tmp_path / "shop", "--out", tmp_path / "out")
+    assert exit_code == 2
+    assert f"Name one of the campaigns in it, such as {tmp_path / 'shop' / 'mill'}." in message
+
+
+def test_a_report_on_an_empty_folder_names_no_command(tmp_path: Path, invoke: Invoke) -> None:
+    exit_code, _, message = invoke("report", tmp_path, "--out", tmp_path / "out")
+    assert exit_code == 2
+    assert message.endswith("got neither. Check the path.\n")
 
 
 def test_an_empty_folder_names_no_command(tmp_path: Path) -> None:
