@@ -28,6 +28,7 @@ from ldbb_bayes.units import (
     is_slope,
     plus_minus,
     round_like,
+    state,
     stated_decimals,
 )
 
@@ -210,7 +211,7 @@ def _table(
         decimals = stated_decimals(quantity.estimate, quantity.sd, quantity.interval, quantity.unit)
         statement = quantity.value_and_U()
         in_brackets = (float(row["ci_low"]), float(row["ci_high"]))
-        ends = quantity.ends_of(in_brackets)
+        ends = state(quantity.estimate, quantity.sd, in_brackets, quantity.unit).ends
         rows.append(
             (
                 quantity.words,

@@ -34,6 +34,7 @@ from ldbb_bayes.units import (
     display_name,
     display_unit,
     is_compliance_or_slope,
+    state,
     two_digits,
 )
 
@@ -350,8 +351,8 @@ def _table_with_intervals(
     for quantity, other in zip(quantities, in_brackets, strict=True):
         interval = "–"
         if not other.is_exactly_none:
-            low, high = quantity.ends_of(other.interval)
-            interval = words("interval", low=low, high=high)
+            ends = state(quantity.estimate, quantity.sd, other.interval, quantity.unit).ends
+            interval = words("interval", low=ends[0], high=ends[1])
         rows.append(_cells(quantity, words, words.number(interval)))
     keys = ("quantity", "symbol", "value", "U", "interval", "unit", "remark")
     return _table(numbers, "", keys, rows)

@@ -6,14 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from ldbb_bayes.report.wording.number_words import SURE
-from ldbb_bayes.units import (
-    display_unit,
-    needs_interval,
-    round_like,
-    state,
-    stated_decimals,
-    value_and_uncertainty,
-)
+from ldbb_bayes.units import display_unit, needs_interval, state, value_and_uncertainty
 
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.verdicts import ChangeIdentifiability, ParameterIdentifiability
@@ -117,22 +110,6 @@ class StatedQuantity:
         factor, _ = display_unit(self.unit)
         value, expanded = value_and_uncertainty(self.estimate * factor, 2.0 * self.sd * factor)
         return ValueAndU(value.replace("-", "−"), expanded)
-
-    def ends_of(self, interval: tuple[float, float]) -> tuple[str, str]:
-        """Return the lower and the upper end of a credible interval, in the unit that readers see.
-
-        Both are rounded as the value that `value_and_U` states beside them.
-
-        Parameters
-        ----------
-        interval
-            Credible interval of the quantity in ``unit``, which may be of another probability than
-            ``self.interval``.
-        """
-        factor, _ = display_unit(self.unit)
-        decimals = stated_decimals(self.estimate, self.sd, self.interval, self.unit)
-        low, high = (round_like(end * factor, decimals).replace("-", "−") for end in interval)
-        return low, high
 
     @property
     def is_exactly_none(self) -> bool:

@@ -185,7 +185,7 @@ def _operations(bound: BoundModel) -> int:
     for its border and s m (m + 1)/2 for the products that change later columns.
     """
     total = 0.0
-    for front in bound.collapsed._design.elimination(len(bound.names)).fronts:
+    for front in bound.collapsed._design.elimination(len(bound.names)).plan.fronts:
         groups, columns, width = front.shape
         border = width - columns
         factor_and_border = columns**3 / 6.0 + columns**2 * border / 2.0
