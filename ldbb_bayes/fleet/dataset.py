@@ -158,19 +158,19 @@ def write_spreadsheet(dataset: Path, target: Path) -> None:
     """
     import pyarrow.parquet as pq  # The library pyarrow need not be installed.
 
-    lists = [name for name, kind in COLUMN_TYPES.items() if kind == "list<string>"]
+    columns_of_texts = [name for name, kind in COLUMN_TYPES.items() if kind == "list<string>"]
     unfinished = target.with_name(SPREADSHEET_PART)
     try:
         with (
             pq.ParquetFile(dataset) as file,
             unfinished.open("w", encoding="utf-8", newline="") as stream,
         ):
-            names = [name for name in file.schema_arrow.names if name not in STATISTICS_TYPES]
+            columns = [name for name in file.schema_arrow.names if name not in STATISTICS_TYPES]
             for group in range(file.num_row_groups):
-                table = file.read_row_group(group, names)
+                table = file.read_row_group(group, columns)
                 # A whole number stays one where other rows have none ("6", not "6.0").
                 rows = table.to_pandas(integer_object_nulls=True)
-                rows[lists] = rows[lists].map("; ".join, na_action="ignore")
+                rows[columns_of_texts] = rows[columns_of_texts].map("; ".join, na_action="ignore")
                 rows.to_csv(stream, index=False, header=group == 0, lineterminator="\n")
         os.replace(unfinished, target)
     except OSError as error:
