@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from ldbb_bayes.analysis.usability import Judgement, Use, judge_fit
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.campaign.preview import CampaignPreview
+from ldbb_bayes.campaign.preview import CampaignPreview, check_campaign
 from ldbb_bayes.campaign.remarks import RemarkKind
 from ldbb_bayes.inference.fit import Fit
 from ldbb_bayes.inference.posterior import campaign_of, fit_of
@@ -69,11 +69,8 @@ def banner(numbers: SheetNumbers) -> Banner:
         # caution that the banner states. Only a reason why the numbers cannot be used at all comes
         # before it.
         cautions.insert(1 if is_unusable else 0, _Caution(outside))
-    copies = _copied_tests(findings.preview)
-    if copies:
-        # A file that was read twice makes U too small, without any sign of it in the fit.
-        text = words("state.copies", names=words.joined(copies))
-        cautions.insert(1 if is_unusable else 0, _Caution(text))
+    place = 1 if is_unusable else 0
+    cautions[place:place] = _cautions_of_preview(findings.preview, words)
 
     kind = "usable"
     if is_unusable:
@@ -112,10 +109,13 @@ def banner_of_fit(name: str, fit: Fit, campaign: Campaign, words: Words) -> Bann
         Texts of the test certificate, in its language.
     """
     judgement = judge_fit(fit)
-    if judgement.use == Use.CAN_BE_USED:
-        return None
-    kind = "unusable" if judgement.use == Use.DO_NOT_USE else "reserved"
+    is_unusable = judgement.use == Use.DO_NOT_USE
     cautions = _cautions(judgement, fit, campaign, {}, words)
+    place = 1 if is_unusable else 0
+    cautions[place:place] = _cautions_of_preview(check_campaign(campaign), words)
+    if not cautions:
+        return None
+    kind = "unusable" if is_unusable else "reserved"
     sentence = _state_sentence(kind, _joined_texts(cautions[:_MOST_REASONS]), words)
     return Banner(kind, f"{name}: {sentence}")
 
@@ -184,6 +184,22 @@ def _unit_texts(fit: Fit, campaign: Campaign, words: Words) -> Iterator[str]:
         )
 
 
+def _cautions_of_preview(preview: CampaignPreview, words: Words) -> list[_Caution]:
+    """Return reasons for caution that the readings show without a fit.
+
+    A file that was read twice makes U too small, without any sign of it in the fit. The fit takes
+    a circle whose readings have the other sign for one that scatters.
+    """
+    cautions = []
+    copies = _copied_tests(preview)
+    if copies:
+        cautions.append(_Caution(words("state.copies", names=words.joined(copies))))
+    mirrored = _mirrored_tests(preview)
+    if mirrored:
+        cautions.append(_Caution(words("state.mirrored", names=words.joined(mirrored))))
+    return cautions
+
+
 def _copied_tests(preview: CampaignPreview) -> list[str]:
     """Return the names of the tests of a campaign that have the readings of another test."""
     names: dict[str, None] = {}
@@ -191,6 +207,15 @@ def _copied_tests(preview: CampaignPreview) -> list[str]:
         if odd.kind is RemarkKind.COPY:
             names |= dict.fromkeys((odd.values["first"], odd.values["second"]))
     return list(names)
+
+
+def _mirrored_tests(preview: CampaignPreview) -> list[str]:
+    """Return the names of the tests whose readings seem to have another sign than the others."""
+    names = []
+    for odd in preview.remarks:
+        if odd.kind is RemarkKind.MIRRORED:
+            names.append(str(odd.values["test"]))
+    return names
 
 
 def _labels(names: Sequence[str], quantities: Mapping[str, StatedQuantity]) -> list[str]:

@@ -1165,6 +1165,28 @@ def test_the_box_names_circles_that_were_read_twice(language: str, sentence: str
     assert sentence in banner.sentence
 
 
+@pytest.mark.parametrize(
+    ("language", "sentence"),
+    [
+        ("en", "he readings of f400 seem to have the opposite sign"),
+        ("de", "ie Messwerte (f400) haben anscheinend das falsche Vorzeichen"),
+    ],
+)
+def test_the_box_names_a_circle_with_the_other_sign(language: str, sentence: str) -> None:
+    angle_deg = np.arange(0.0, 360.0, 10.0)
+    wave_um = np.cos(np.deg2rad(2.0 * angle_deg))
+    tests = []
+    for number, sign in enumerate((1.0, 1.0, 1.0, -1.0, 1.0), 1):
+        reading_um = sign * (4.0 * number + 0.1 * wave_um)
+        name = f"f{number}00"
+        tests.append(lb.CircularTest(100.0 * number, angle_deg, reading_um=reading_um, name=name))
+    findings = findings_of(lb.Campaign(tuple(tests)))
+    banner = sheets(findings, language=language)[0].blocks[0]
+    assert isinstance(banner, Banner)
+    assert banner.kind != "usable"
+    assert sentence in banner.sentence
+
+
 def test_directions_that_are_not_stated_are_not_taken_for_one() -> None:
     base = simulated(plan())
     one_way = replace(base, tests=tuple(replace(test, direction="CCW") for test in base.tests))
