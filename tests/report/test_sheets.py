@@ -1290,6 +1290,19 @@ def test_a_confounded_squareness_is_to_be_confirmed_first(
     assert finding.values["advice"].startswith(advice)
 
 
+@pytest.mark.parametrize(("language", "claim"), [("en", "differs from"), ("de", "nicht null")])
+def test_a_squareness_whose_interval_contains_zero_is_not_said_to_differ_from_it(
+    language: str, claim: str
+) -> None:
+    """Its sign alone is probable: that has the stated probability."""
+    error = StatedQuantity("Squareness", "E", 19e-6, 10e-6, (-1e-6, 39e-6), "rad")
+    (finding,) = plain_findings._squareness_findings(with_squareness(error))
+    sentence = words_of(language)("plain.squareness", **finding.values, probability="97 %")
+    assert "19 ± 20 µrad" in sentence
+    assert "97 %" in sentence
+    assert claim not in sentence
+
+
 def gum_sentence(findings: Findings, force_N: float, entries: dict[str, Any]) -> str:
     """The sentence on intervals of the GUM, for results of the comparison that are made up."""
     validation = SimpleNamespace(parameters=entries, digits=2)
