@@ -20,6 +20,7 @@ __all__ = [
     "UNITS_TO_WRITE",
     "U_PROBABILITY",
     "Statement",
+    "counted",
     "digits_apart",
     "display_name",
     "display_unit",
@@ -422,6 +423,28 @@ def _largest_key_first(entry: _Ranked) -> tuple[float, int]:
 def _position(entry: _Ranked) -> int:
     """Return the position that an item had before the function `ranked` sorted the items."""
     return entry.position
+
+
+def counted(number: int, noun: str) -> str:
+    """Return a number with its noun, such as "1 campaign" or "3 campaigns".
+
+    Parameters
+    ----------
+    number : int
+        The number.
+    noun : str
+        The noun in the singular. Its plural ends in s.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> counted(1, "test"), counted(12, "test")
+    ('1 test', '12 tests')
+    """
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def round_uncertainty(uncertainty: float, digits: int = 2) -> tuple[str, int]:

@@ -29,9 +29,9 @@ _FEWEST_FOR_SIGN = 3
 _WHOLE_TURN_DEG = 340.0
 _SMALLEST_FALL_UM = 2.0
 _FALLING = -0.95
-# One test seems to have the other sign if its mean reading is the negative of the value expected from
-# the other tests of its circle, within this fraction of that value. The expected value must be at
-# least `_LEAST_MIRRORED_UM` [µm]: below it, a zero that was set anew could do the same.
+# One test seems to have the other sign if its mean reading is the negative of the value expected
+# from the other tests of its circle, within this fraction of that value. The expected value must be
+# at least `_LEAST_MIRRORED_UM` [µm]: below it, a zero that was set anew could do the same.
 _MIRRORED_WITHIN = 0.25
 _LEAST_MIRRORED_UM = 5.0
 

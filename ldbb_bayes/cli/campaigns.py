@@ -33,7 +33,7 @@ from ldbb_bayes.cli.options import REQUIRED, command, group, option
 from ldbb_bayes.cli.output import Output
 from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.report.campaign_text import parts_of
-from ldbb_bayes.units import inside_name, is_direct
+from ldbb_bayes.units import counted, inside_name, is_direct
 
 __all__ = ["check", "import_", "simulate"]
 
@@ -110,7 +110,7 @@ def _check_signs(parameters: Mapping[str, float] | None, model: lb.HybridModel, 
 
 def _counts_in_brackets(campaign: lb.Campaign) -> str:
     """Return the numbers of tests and readings of a campaign as text, in brackets."""
-    return f" ({len(campaign.tests)} tests, {campaign.readings} readings)"
+    return f" ({counted(len(campaign.tests), 'test')}, {campaign.readings} readings)"
 
 
 @command

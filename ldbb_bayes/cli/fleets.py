@@ -31,6 +31,7 @@ from ldbb_bayes.fleet.dataset import JOURNAL, read_fleet
 from ldbb_bayes.parallel import executor_named
 from ldbb_bayes.report.wording.effect_names import first_names
 from ldbb_bayes.results import Table
+from ldbb_bayes.units import counted
 
 __all__ = ["batch", "population", "trend"]
 
@@ -132,7 +133,8 @@ def _batch_parts(result: lb.fleet.Batch) -> tuple[Table | str, ...]:
     ending = "Nothing was left to do."
     if result.fitted:
         per_second = result.fitted / max(result.seconds, 1e-9)
-        ending = f"{result.fitted} campaigns in {result.seconds:.1f} s: {per_second:.3g} a second."
+        fitted = counted(result.fitted, "campaign")
+        ending = f"{fitted} in {result.seconds:.1f} s: {per_second:.3g} a second."
     table = Table.of("", ("campaigns", "number"), counts)
     if result.passed_over:
         remarks.append(

@@ -10,7 +10,7 @@ from ldbb_bayes.report.conformity_tables import conformity_table
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.report.wording import caveat_words, probability_words, trend_sentences, with_words
 from ldbb_bayes.results import Table
-from ldbb_bayes.units import display_name, display_unit, plus_minus, round_uncertainty
+from ldbb_bayes.units import counted, display_name, display_unit, plus_minus, round_uncertainty
 
 __all__ = ["parts_of"]
 
@@ -35,7 +35,8 @@ def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
     rows = [_table_row(name, change) for name, change in trend.parameters.items()]
     machine = f"{trend.machine}, " if trend.machine else ""
     force = f"compliances at {trend.reference_force_N:g} N"
-    table = Table.of(f"{machine}{len(trend.campaigns)} campaigns, {force}", heads, rows)
+    campaigns = counted(len(trend.campaigns), "campaign")
+    table = Table.of(f"{machine}{campaigns}, {force}", heads, rows)
     percent = f"{100.0 * trend.assumptions['ci']:g} %"
     legend = (
         "Level now: from all campaigns together, at the newest of them."

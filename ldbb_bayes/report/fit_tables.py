@@ -16,6 +16,7 @@ from ldbb_bayes.report.change_tables import change_cells, statement_cells
 from ldbb_bayes.report.conformity_tables import conformity_table
 from ldbb_bayes.results import Passage, Table
 from ldbb_bayes.units import (
+    counted,
     display_name,
     display_unit,
     is_compliance_or_slope,
@@ -70,7 +71,8 @@ def parts_of_fit(result: Mapping[str, Any], *, details: bool = False) -> tuple[P
     quality = result["fit"]
     passages: list[Passage] = [
         f"Verdict: {quality['verdict']}",
-        f"{campaign['name']}: {campaign['tests']} tests, {campaign['readings']} readings.",
+        f"{campaign['name']}: {counted(campaign['tests'], 'test')},"
+        f" {campaign['readings']} readings.",
         parameter_table(result),
     ]
     if result["nuisances"]:

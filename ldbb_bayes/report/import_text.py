@@ -5,6 +5,7 @@ from __future__ import annotations
 from ldbb_bayes.reading.import_result import Imported
 from ldbb_bayes.report import wording
 from ldbb_bayes.results import Passage, parts_of
+from ldbb_bayes.units import counted
 
 __all__ = ["parts_of"]
 
@@ -17,8 +18,9 @@ def _passages_of_imported(result: Imported) -> tuple[Passage, ...]:
     assumption.
     """
     campaign = result.campaign
+    tests = counted(len(campaign.tests), "test")
     heading = (
-        f"{campaign.name}: {len(campaign.tests)} tests, {campaign.readings} readings. Assumed"
+        f"{campaign.name}: {tests}, {campaign.readings} readings. Assumed"
         " (change it with the option named):"
     )
     return (heading, tuple(map(wording.assumption_words, result.assumptions)))

@@ -48,6 +48,7 @@ from ldbb_bayes.report.fit_description import FitWords
 from ldbb_bayes.report.wording import IN_FORCE
 from ldbb_bayes.results import ByName, Passage, Table, parts_of, table_of
 from ldbb_bayes.units import (
+    counted,
     display_name,
     display_unit,
     two_digits,
@@ -137,7 +138,7 @@ def _passages_of_simulation(simulation: Simulation) -> tuple[Passage, ...]:
         has_no_unit = name == "decay" or name.startswith("lambda_")
         rows.append((name, size, "" if has_no_unit else "µm"))
     campaign = simulation.campaign
-    caption = f"Simulation of {campaign.name}, {len(campaign.tests)} tests"
+    caption = f"Simulation of {campaign.name}, {counted(len(campaign.tests), 'test')}"
     return (Table.of(caption, ("true parameter", "value", "unit"), rows, text=("unit",)),)
 
 

@@ -322,6 +322,11 @@ def test_a_design_of_six(six: lb.analysis.Design, pilot: lb.Campaign) -> None:
     ]
 
 
+def test_one_circle_is_singular(six: lb.analysis.Design) -> None:
+    one = replace(six, table=six.table.head(1).assign(count=1))
+    assert "Run 1 circle: 1 × 36 N" in " ".join(design_sentences(one))
+
+
 def test_intervals_of_equal_width_are_called_as_wide(six: lb.analysis.Design) -> None:
     against = f"Expected intervals against {six.compared[0].name}: "
     as_wide = replace(six, expected=six.baseline)

@@ -125,6 +125,13 @@ def test_what_a_batch_passes_over_is_named_with_a_cure() -> None:
     assert expected in "\n".join(map(str, _batch_parts(result)))
 
 
+@pytest.mark.parametrize(("fitted", "text"), [(1, "1 campaign in 2.0 s"), (3, "3 campaigns in")])
+def test_one_campaign_is_singular(fitted: int, text: str) -> None:
+    counts = (fitted, fitted, 0, 0, 0, (), (), fitted, 2.0)
+    result = lb.fleet.Batch(Path("out"), Path("out"), Path("out"), *counts, resumed=False)
+    assert text in "\n".join(map(str, _batch_parts(result)))
+
+
 @pytest.mark.slow
 def test_json_on_processes(rows: Path, tmp_path: Path, invoke: Invoke) -> None:
     folders = (

@@ -9,7 +9,7 @@ from ldbb_bayes.report.wording.degeneracy_words import degeneracy_items
 from ldbb_bayes.report.wording.effect_names import joined, joined_sizes
 from ldbb_bayes.report.wording.fixed_texts import SENTENCES
 from ldbb_bayes.report.wording.sentence_file import SentenceFile
-from ldbb_bayes.units import ranked, without_slopes
+from ldbb_bayes.units import counted, ranked, without_slopes
 
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.design import Design
@@ -88,8 +88,8 @@ def _tests_to_run(design: Design, most: int = _MOST_LISTED_TESTS) -> str:
     listed = "see the table"
     if len(tests) <= most:
         listed = joined(tests)
-    further = " more" if design.augment else ""
-    return f"{table['count'].sum()}{further} circles: {listed}"
+    noun = "more circle" if design.augment else "circle"
+    return f"{counted(int(table['count'].sum()), noun)}: {listed}"
 
 
 def _varied_settings(design: Design) -> list[str]:

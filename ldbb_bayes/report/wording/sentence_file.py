@@ -10,7 +10,7 @@ import jinja2
 
 from ldbb_bayes.report.wording.effect_names import joined, nuisance_words, term_words
 from ldbb_bayes.report.wording.number_words import p_value_words, probability_words
-from ldbb_bayes.units import display_name, round_like, typeset, with_sign
+from ldbb_bayes.units import counted, display_name, round_like, typeset, with_sign
 
 __all__ = ["SentenceFile"]
 
@@ -44,6 +44,7 @@ class SentenceFile:
         }
         for function in (
             joined,
+            counted,
             display_name,
             round_like,
             typeset,
