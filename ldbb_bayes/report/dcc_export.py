@@ -30,9 +30,12 @@ from ldbb_bayes.inference.force_curves import force_curves
 from ldbb_bayes.inference.posterior import bound_of, campaign_of
 from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.report import wording
+from ldbb_bayes.report.findings import Findings, findings_of_fit
 from ldbb_bayes.report.fit_description import describe_fit
 from ldbb_bayes.report.html_templates import template_of
 from ldbb_bayes.report.message_translation import in_language
+from ldbb_bayes.report.sheet_numbers import SheetNumbers
+from ldbb_bayes.report.sheet_state import banner
 from ldbb_bayes.report.stated_circle import circle_phrase
 from ldbb_bayes.report.stiffness_numbers import principal_direction
 from ldbb_bayes.report.translation import Words, words_of
@@ -46,7 +49,7 @@ from ldbb_bayes.units import (
     needs_interval,
 )
 
-__all__ = ["dsi_unit", "write_dcc"]
+__all__ = ["dsi_unit", "write_dcc", "write_dcc_of_findings"]
 
 _DSI = {
     "mm": r"\milli\metre",
@@ -117,8 +120,8 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
     compliance over the tested forces. Slopes, which are coefficients of this change, appear only in
     the covariance matrix. The stiffness by direction at the reference force is included if the
     readings determine it; where value ± U would not describe a stiffness or a change, its 95 %
-    interval takes the place of U, as on the sheets. The file states that it is unsigned and is not
-    a calibration certificate.
+    interval takes the place of U, as on the sheets. The file states whether the results can be
+    used, as sheet 1 does, and that it is unsigned and is not a calibration certificate.
 
     Parameters
     ----------
@@ -148,6 +151,29 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
     >>> 'id="k_min"' in text
     True
     """
+    findings = findings_of_fit(
+        posterior, prob=prob, comparison=wording.NO_ANNEX, recommended=wording.NO_ANNEX
+    )
+    return write_dcc_of_findings(findings, path)
+
+
+def write_dcc_of_findings(findings: Findings, path: str | os.PathLike[str]) -> Path:
+    """Write the results that a report shows to an XML file, as `write_dcc` does.
+
+    Parameters
+    ----------
+    findings
+        All results of the fit that the report shows.
+    path
+        File to write.
+
+    Returns
+    -------
+    Path
+        Path of the file that was written.
+    """
+    posterior = findings.posterior_of_certificate
+    prob = findings.prob
     result = result_json(posterior, prob=prob)
     campaign = campaign_of(posterior)
     entries = result["parameters"]
@@ -164,6 +190,7 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
         version=result["provenance"]["versions"]["ldbb-bayes"],
         fitted=result["provenance"]["started"][:10],
         identifier=f"ldbb_bayes-{digest[:_DIGEST_LENGTH]}",
+        use=_Remark.by(partial(_sentence_of_use, findings)),
         verdict=_Remark.of(describe_fit(posterior)["verdict"], campaign),
         parameters=parameters,
         quantities=[
@@ -180,6 +207,12 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
     )
     write_whole(Path(path), text.encode())
     return Path(path)
+
+
+def _sentence_of_use(findings: Findings, words: Words) -> str:
+    """Return what the box of sheet 1 says: whether the results can be used, and why."""
+    reference_force_N = float(findings.result["model"]["reference_force_N"])
+    return banner(SheetNumbers(findings, words, reference_force_N)).sentence
 
 
 def _covariance_columns(covariance: Array, units: list[str]) -> list[list[tuple[float, str]]]:

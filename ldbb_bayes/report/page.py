@@ -30,7 +30,7 @@ from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.annex_translation import annex_translation, section_in_language
 from ldbb_bayes.report.blocks import Banner, Block, Pair, PictureRow, ReportSheet
-from ldbb_bayes.report.dcc_export import write_dcc
+from ldbb_bayes.report.dcc_export import write_dcc_of_findings
 from ldbb_bayes.report.difference_sheet import difference_sheets
 from ldbb_bayes.report.findings import (
     Compared,
@@ -462,7 +462,7 @@ def write_report(
     write_whole(folder / "report.json", json_text(record).encode())
     write_whole(folder / "report.html", page.encode())
     write_whole(folder / "report.pdf", pdf)
-    write_dcc(findings.posterior_of_certificate, folder / "dcc.xml", prob=prob)
+    write_dcc_of_findings(findings, folder / "dcc.xml")
     return document
 
 

@@ -149,6 +149,17 @@ def test_what_a_fit_is_said_to_be_is_translated(english: str, german: str) -> No
     assert in_language(english, "de", ["the slow run", "f36"]) == german
 
 
+def test_the_file_says_whether_the_results_can_be_used(tmp_path: Path) -> None:
+    """A file that was read twice shows in nothing else, and sheet 1 says so."""
+    campaign = simulated(plan())
+    again = replace(campaign.tests[0], name="again")
+    twice = replace(campaign, tests=(*campaign.tests, again))
+    path = lb.report.write_dcc(fitted(lb.HybridModel.first(0), twice), tmp_path / "dcc.xml")
+    text = path.read_text("utf-8")
+    assert "CAN BE USED WITH THIS RESERVATION. Of the tests f036 and again, each holds" in text
+    assert "MIT FOLGENDEM VORBEHALT VERWENDBAR. Von den Messungen f036 und again hat jede" in text
+
+
 def test_a_skewed_stiffness_has_its_interval_in_place_of_u(
     posterior: xr.DataTree, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
