@@ -125,6 +125,7 @@ def report_files(
     output.out = output.out or source.report_folder()
     output.check(*RESULT_FILES, *REPORT_FILES, *_FILES_BESIDE_PAGE)
     campaign, imported = source.read(ask=ask)
+    _check_forces(campaign)
     check_force(campaign, settings.get("force_N"))
     campaign = with_tolerances(campaign, model, settings.get("tolerances", {}))
     source_campaign = SourceCampaign(campaign, imported)
@@ -188,6 +189,20 @@ def _check_settings(settings: dict[str, Any], source: ReportSource) -> None:
         not (settings["sheets_only"] and "tests" in settings),
         "--tests must go with the annex, which recommends circles, got --sheets-only. Leave one of"
         " them out.",
+    )
+
+
+def _check_forces(campaign: lb.Campaign) -> None:
+    """Raise an `InputError` if all tests of a campaign have the same force.
+
+    A report of readings compares constant compliance with compliance linear in force.
+    """
+    require(
+        campaign.force_levels > 1,
+        "report must weigh constant and linear compliance, which takes tests at two forces or more,"
+        f" got one ({campaign.forces_N[0]:g} N). Add tests at another force; or fit constant"
+        " compliance, and report the fit: ldbb-bayes fit CAMPAIGN --degree 0 --out DIR, then"
+        " ldbb-bayes report DIR.",
     )
 
 

@@ -279,6 +279,25 @@ def test_the_terminal_states_what_sheet_1_states(
     assert " ".join(state.split()) in printed
 
 
+def test_the_cure_of_readings_at_one_force_is_one_that_report_takes(
+    tmp_path: Path, invoke: Invoke
+) -> None:
+    """A report of readings refuses --degree 0: not that, but a fit of it, leads to a report."""
+    campaign = simulated(plan())
+    one_force = replace(campaign, tests=campaign.tests[:1])
+    lb.write_campaign(one_force, tmp_path / "one")
+    code, _, stderr = invoke("report", tmp_path / "one", "--yes", "--out", tmp_path / "out")
+    assert code == 2
+    message = " ".join(stderr.split())
+    assert "Use degree 0" not in message
+    assert "fit CAMPAIGN --degree 0 --out DIR, then ldbb-bayes report DIR" in message
+    result = tmp_path / "result"
+    posterior = fitted(lb.HybridModel.first(0), one_force)
+    write_result(posterior, full_result(posterior, 0.95), result)
+    code, _, stderr = invoke("report", result, "--out", tmp_path / "page", "--sheets-only")
+    assert code == 0, stderr
+
+
 def test_the_help_says_what_yes_assumes_and_what_it_refuses(tmp_path: Path, invoke: Invoke) -> None:
     """A unit that the numbers leave open is refused; machine, mount and balls are assumed."""
     _, stdout, _ = invoke("report", "--help")
