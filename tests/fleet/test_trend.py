@@ -444,7 +444,9 @@ def test_a_machine_at_rest() -> None:
     quiet = lb.fleet.find_trend(drawn_rows(9, np.random.default_rng(5)))
     assert not quiet.changed
     assert quiet.probability < 0.5
-    assert "no change is found" in verdict(quiet)
+    # "No change is found: its probability is …" would be read as that of no change.
+    stated = f"no change is found: the probability of a change is {quiet.probability:.3f}"
+    assert stated in verdict(quiet)
     odds = quiet.probability / (1.0 - quiet.probability)
     other = lb.fleet.find_trend(
         drawn_rows(9, np.random.default_rng(5)), probability=0.9, threshold=0.99
