@@ -42,7 +42,7 @@ def assumptions_of(source: SourceCampaign) -> tuple[Passage, ...]:
 
 
 def notes_on_campaign(
-    campaign: lb.Campaign, kinds: tuple[RemarkKind, ...] = _NOTED
+    campaign: lb.Campaign, kinds: tuple[RemarkKind, ...] = _NOTED, name: str = ""
 ) -> tuple[Passage, ...]:
     """Return notes on what looks odd in a campaign as a whole.
 
@@ -52,18 +52,22 @@ def notes_on_campaign(
         The campaign.
     kinds
         Kinds of the remarks to return. Default: numbers in a wrong unit, two tests with the same
-        readings, and planned tests that have not been run.
+        readings, a test whose readings have the other sign, and planned tests that have not been
+        run.
+    name
+        Name of the campaign, with which each note begins if a result is about several campaigns.
 
     Returns
     -------
     tuple of str
     """
     notes = []
+    beginning = f"Note: {name}: " if name else "Note: "
     for remark in lb.check_campaign(campaign).remarks:
         if remark.kind in kinds:
             words = wording.remark_words(remark)
             end = "" if words.endswith((".", "?")) else "."
-            notes.append(f"Note: {words}{end}")
+            notes.append(f"{beginning}{words}{end}")
     return tuple(notes)
 
 

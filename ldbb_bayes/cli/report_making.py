@@ -10,6 +10,7 @@ import typer
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.tolerances import quantities_of, tolerances_in
+from ldbb_bayes.cli.campaign_notes import notes_on_campaign
 from ldbb_bayes.cli.file_reports import (
     AVERAGED_NAME,
     STEPS,
@@ -28,7 +29,7 @@ from ldbb_bayes.inference.posterior import bound_of, campaign_of, record_of
 from ldbb_bayes.report.page import BESIDE, REPORT_FILES, Document, check_report_target
 from ldbb_bayes.report.pictures import PICTURES
 from ldbb_bayes.report.translation import check_language
-from ldbb_bayes.results import Table
+from ldbb_bayes.results import Passage, Table
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -183,9 +184,12 @@ def _report_fits(source: ReportSource, output: Output, settings: dict[str, Any])
             averaged=averaged,
             progress=progress,
         )
+    notes: list[Passage] = []
+    for name, posterior in _posteriors_by_name(posteriors, paths).items():
+        notes += notes_on_campaign(campaign_of(posterior), name=name)
     return WrittenReport(
         document,
-        _printed_differences(document),
+        (*notes, *_printed_differences(document)),
         record_of(first)["sampler"]["converged"],
         warns_first=len(paths) > 1,
     )

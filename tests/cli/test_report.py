@@ -183,6 +183,21 @@ def test_side_by_side(result: Path, comparison: Path, tmp_path: Path, invoke: In
     assert not (out / "tables" / "differences.csv").exists()
 
 
+def test_a_circle_of_the_second_campaign_that_was_read_twice_is_named(
+    result: Path, comparison: Path, tmp_path: Path, invoke: Invoke
+) -> None:
+    """Nothing in the fit shows it, and the differences rest on it."""
+    campaign = lb.HybridModel.first(1).simulate(plan(), seed=1).campaign
+    again = replace(campaign.tests[0], name="again")
+    twice = replace(campaign, name="after", tests=(*campaign.tests, again))
+    lb.save(fitted(lb.HybridModel.first(1), twice), tmp_path / "after.nc")
+    arguments = ("--out", tmp_path / "out", "--comparison", comparison, "--quiet")
+    code, printed, _ = invoke("report", result, tmp_path / "after.nc", *arguments)
+    assert code == 0
+    note = "Note: after: Tests f036 and again hold the same readings: a file read twice?"
+    assert note in " ".join(printed.split())
+
+
 def spoiled(result: Path, folder: Path, *, cut: bool) -> Path:
     """A result whose posterior is cut short, or has a few bytes of its draws changed."""
     folder.mkdir()
