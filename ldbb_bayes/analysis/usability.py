@@ -210,7 +210,8 @@ def _reservations(
     the parameters on the certificate.
     """
     reasons = []
-    if _has_concern(fit, ConcernKind.ZERO):
+    # Readings in a wrong unit have a wrong constant, too: the cure is to state their unit.
+    if _has_concern(fit, ConcernKind.ZERO) and not _has_concern(fit, ConcernKind.UNIT):
         reasons.append(Reason(ReasonKind.ZERO))
     undetermined = []
     hardly_determined = undetermined_parameters(verdicts)

@@ -435,6 +435,17 @@ def test_rough_weights_of_models_are_a_reservation(posterior: Any) -> None:
     assert judgement.reasons == (Reason(ReasonKind.ROUGH_WEIGHTS),)
 
 
+def test_readings_in_a_wrong_unit_are_not_said_to_have_a_wrong_zero_as_well(posterior: Any) -> None:
+    """The cure of the zero, to subtract it, does not help: the unit has to be stated."""
+    fit = replace(fit_of(posterior), concerns=(), sensitivity={})
+    zero = Concern(ConcernKind.ZERO, 20.0, 0.07, "bar_length_150")
+    unit = Concern(ConcernKind.UNIT, 20.0, 3.0, "f036")
+    alone = judge_certificate(replace(fit, concerns=(zero,)), {}, ())
+    assert alone.reasons == (Reason(ReasonKind.ZERO),)
+    both = judge_certificate(replace(fit, concerns=(unit, zero)), {}, ())
+    assert both.reasons == (Reason(ReasonKind.UNIT, ("f036",)),)
+
+
 # ---- stiffness by direction
 
 
