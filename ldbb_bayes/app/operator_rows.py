@@ -7,7 +7,7 @@ from typing import Any
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.costs import effort_of
 from ldbb_bayes.campaign.mountings import mounted_anew, setups_as_run
-from ldbb_bayes.report.operator_sheet import mounting_sentences
+from ldbb_bayes.report.operator_sheet import handling_sentences, mounting_sentences
 
 __all__ = ["circle_rows", "effort_row", "pilot_row"]
 
@@ -53,7 +53,8 @@ def circle_rows(plan: lb.Campaign) -> dict[str, Any]:
     dict
         ``tests`` holds the settings of each circle as texts, among them the number of the set-up
         in which it will be run. ``mountings`` holds sentences in English on when to mount the bar
-        anew, and ``keeps_setup`` states whether it is never mounted anew.
+        anew, and ``handling`` on how to turn the balls and on a bar that stays mounted.
+        ``keeps_setup`` states whether the bar is never mounted anew.
     """
     tests = []
     for test, setup in zip(plan.tests, setups_as_run(plan), strict=True):
@@ -61,6 +62,7 @@ def circle_rows(plan: lb.Campaign) -> dict[str, Any]:
     return {
         "tests": tests,
         "mountings": list(mounting_sentences(plan)),
+        "handling": list(handling_sentences(plan)),
         "keeps_setup": not mounted_anew(plan),
     }
 

@@ -387,9 +387,12 @@ def _operator_sheet(registry: SessionRegistry, session: Session, planned: Mappin
     ``planned`` holds what `circle_rows` returns of the circles, their time, and the texts of the
     campaign on which they are based.
     """
-    mountings = passages_in_language(planned["mountings"], session.language)
     return registry.templates.show(
-        "operator.html.j2", session.language, found=planned, mountings=mountings
+        "operator.html.j2",
+        session.language,
+        found=planned,
+        mountings=passages_in_language(planned["mountings"], session.language),
+        handling=passages_in_language(planned["handling"], session.language),
     )
 
 

@@ -17,7 +17,7 @@ from ldbb_bayes.report.next_circle_text import aims_passages
 from ldbb_bayes.report.passage_translation import passages_in_language
 from ldbb_bayes.results import Passage, Table
 
-__all__ = ["mounting_sentences", "page", "page_of_plan"]
+__all__ = ["handling_sentences", "mounting_sentences", "page", "page_of_plan"]
 
 # Settings of a circle that the operator fills in, or that differ between circles by their nature.
 # They always have a column in the table of circles.
@@ -36,6 +36,11 @@ _AFTER_ADDED_CIRCLES = (
 _BAR_STAYS = (
     "The bar stays as it was mounted for the circles before. If it has been taken off since, enter"
     " a new number as setup for these circles."
+)
+_TURN_A_BALL = (
+    "Turn a ball in its socket about the normal of the circle's plane, counterclockwise as the"
+    " angles of the circle count. Its position in the circles run before is 0°; without such"
+    " circles, mark it when the bar is mounted."
 )
 _AFTER_ONE_CIRCLE = (
     "Save the readings under this file name in the folder of the campaign so far. Copy the [[test]]"
@@ -164,29 +169,35 @@ def mounting_sentences(plan: Campaign, first: int = 1) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def _advice(plan: Campaign) -> tuple[str, ...]:
-    """Return sentences for the operator on how to run circles.
+def handling_sentences(plan: Campaign) -> tuple[str, ...]:
+    """Return sentences for the operator on how to handle the bar and the balls.
 
-    If a ball is turned in a circle of the ``plan``, a sentence states about which axis, in which
-    sense and from which position the angles of the balls are measured.
+    If the bar stays as it was mounted for the circles before the ``plan``, a sentence says so. If a
+    ball is turned in a circle of the plan, sentences state about which axis, in which sense and
+    from which position the angles of the balls are measured.
+
+    Parameters
+    ----------
+    plan
+        Plan of tests, in the order in which to run them.
     """
-    sentences = [
-        "Warm up the machine first, keep one set-up, and write down the time at which each circle"
-        " starts.",
-    ]
-    if mounted_anew(plan):
-        sentences = [
-            "Warm up the machine first, and write down the time at which each circle starts.",
-        ]
+    sentences = []
     if plan.adds_to_pilot and 0 not in mounted_anew(plan):
         sentences.append(_BAR_STAYS)
     if any(test.work_ball_deg or test.tool_ball_deg for test in plan.tests):
-        sentences.append(
-            "Turn a ball in its socket about the normal of the circle's plane, counterclockwise as"
-            " the angles of the circle count. Its position in the circles run before is 0°; without"
-            " such circles, mark it when the bar is mounted."
-        )
+        sentences.append(_TURN_A_BALL)
     return tuple(sentences)
+
+
+def _advice(plan: Campaign) -> tuple[str, ...]:
+    """Return sentences for the operator on how to run the circles of a plan."""
+    start = (
+        "Warm up the machine first, keep one set-up, and write down the time at which each circle"
+        " starts."
+    )
+    if mounted_anew(plan):
+        start = "Warm up the machine first, and write down the time at which each circle starts."
+    return start, *handling_sentences(plan)
 
 
 def _to_buy(plan: Campaign) -> tuple[str, ...]:

@@ -16,6 +16,14 @@ from ldbb_bayes.app.operator_rows import circle_rows, effort_row, pilot_row
 from ldbb_bayes.app.templates import Templates
 
 KEEP = {"en": "Keep one set-up", "de": "Aufspannung beibehalten"}
+TURN = {
+    "en": "counterclockwise as the angles of the circle count. Its position",
+    "de": "gegen den Uhrzeigersinn, wie die Winkel des Kreises zählen. Ihre Stellung",
+}
+STAYS = {
+    "en": "The bar stays as it was mounted for the circles before.",
+    "de": "Das Messgerät bleibt so eingesetzt wie bei den bisherigen Kreisen.",
+}
 MOUNT = {
     "en": "Mount the bar anew before circle 3 (set-up 2).",
     "de": "Vor Kreis 3 das Messgerät neu einsetzen (Aufspannung 2).",
@@ -71,3 +79,18 @@ def test_a_return_to_the_set_up_of_the_circles_so_far_has_a_new_number() -> None
     words = sheet(added, "en")
     assert "Mount the bar anew before circle 1 (set-up 3)." in words
     assert "Enter the set-up numbers of this sheet as setup in campaign.toml" in words
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_the_sheet_says_about_which_axis_and_in_which_sense_to_turn_a_ball(language: str) -> None:
+    circles = plan()
+    assert TURN[language] not in sheet(circles, language)
+    turned = replace(circles.tests[0], tool_ball_deg=45.0)
+    assert TURN[language] in sheet(replace(circles, tests=(*circles.tests[1:], turned)), language)
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_the_sheet_of_circles_that_are_added_says_that_the_bar_stays(language: str) -> None:
+    assert STAYS[language] not in sheet(plan(), language)
+    added = replace(plan(), pilot=simulated(plan()), adds_to_pilot=True)
+    assert STAYS[language] in sheet(added, language)
