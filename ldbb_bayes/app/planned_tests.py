@@ -13,6 +13,7 @@ import numpy as np
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.candidates import grid_of_tests
+from ldbb_bayes.analysis.design.design_result import read_design
 from ldbb_bayes.analysis.design.search import efficient_rounding, exchange
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.app.fields import RESULT, linear_model
@@ -31,6 +32,8 @@ __all__ = [
     "settings_of_tests",
 ]
 
+# name of the file with the tests that the report recommends
+_DESIGN_NAME = "design.json"
 _DIRECTIONS: Mapping[str, tuple[Direction, ...]] = {
     "both": ("CW", "CCW"),
     "CW": ("CW",),
@@ -187,9 +190,10 @@ def planned_tests(report: Report, settings_json: str) -> PlannedTests:
     """Return the tests that the sliders of the page describe, in the order in which to run them.
 
     If the user asks for the best tests, the tests with the most expected information are returned.
-    If not, the tests have equally spaced forces, and the ball angles, radii and directions change
-    from test to test. Ball angles are the angles by which the two balls are turned in their
-    sockets.
+    They are the tests that the report recommends, if the report chose them with these settings. If
+    the user does not ask for the best tests, the tests have equally spaced forces, and the ball
+    angles, radii and directions change from test to test. Ball angles are the angles by which the
+    two balls are turned in their sockets.
 
     Parameters
     ----------
@@ -208,7 +212,7 @@ def planned_tests(report: Report, settings_json: str) -> PlannedTests:
     sliders = _sliders_of_tests(settings, pilot_of(report).campaign)
     space = _space_of_sliders(report, settings, sliders)
     if settings.get("best"):
-        tests = _best_tests(space, sliders)
+        tests = _tests_of_report(report, space, sliders) or _best_tests(space, sliders)
     else:
         tests = _equally_spaced_tests(space, sliders)
     return PlannedTests(space, space.plan_of(tests), sliders)
@@ -275,6 +279,46 @@ def _tests_of_all_settings(space: Space, force_N: float) -> list[lb.CircularTest
     for test, (work_deg, tool_deg) in _pairs_in_turn(unturned_tests, space.clockings_deg, number):
         tests.append(replace(test, work_ball_deg=work_deg, tool_ball_deg=tool_deg))
     return tests
+
+
+def _tests_of_report(
+    report: Report, space: Space, sliders: Mapping[str, float]
+) -> tuple[lb.CircularTest, ...]:
+    """Return the next tests that the annex of a report recommends.
+
+    The result is empty if the report recommends no tests, or if it chose them from other tests than
+    those that ``space`` and the page's ``sliders`` describe.
+    """
+    path = report.folder / RESULT / _DESIGN_NAME
+    if not (path.is_file() and _is_space_of_report(space, sliders)):
+        return ()
+    table = read_design(path).table
+    if table["count"].sum() != sliders["circles"]:
+        return ()
+    counts = table.set_index(list(table.columns.drop("count")))["count"]
+    candidates = replace(space, forces_N=sorted(set(table["force_N"])))
+    rows = candidates.frame(candidates.tests).itertuples(index=False, name=None)
+    tests = []
+    for test, row in zip(candidates.tests, rows, strict=True):
+        tests += [test] * int(counts.get(row, 0))
+    return tuple(tests)
+
+
+def _is_space_of_report(space: Space, sliders: Mapping[str, float]) -> bool:
+    """Return whether a report chooses the next tests from those of ``space`` and the ``sliders``.
+
+    A report chooses from all forces in the range of the tests already run, at their radii and in
+    their directions of travel. The balls are not turned, and the tests already run do not count.
+    """
+    space_of_report = Space(space.model, space.pilot, space.forces_N)
+    return (
+        sliders["low"] == min(space.forces_N)
+        and sliders["high"] == max(space.forces_N)
+        and space.clockings_deg == space_of_report.clockings_deg
+        and set(space.radii_mm) == set(space_of_report.radii_mm)
+        and space.directions == space_of_report.directions
+        and space.augment == space_of_report.augment
+    )
 
 
 def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.CircularTest, ...]:

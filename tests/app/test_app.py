@@ -444,6 +444,30 @@ def test_equal_steps_are_compared_with_the_model_of_the_tests_found(
     assert planned_tests._best_tests(space, sliders)[0].force_N == best[0].force_N
 
 
+@pytest.mark.usefixtures("few_states")
+def test_the_best_forces_are_those_that_the_report_on_the_page_recommends(
+    fitted: Path, tmp_path: Path
+) -> None:
+    """With the settings of a new page; with others they are searched."""
+    shutil.copytree(fitted, tmp_path, dirs_exist_ok=True)
+    model = lb.HybridModel.default(degree=1)
+    pilot = lb.read_campaign(RECOVERED)
+    recommended = lb.design(model, pilot=pilot, tests=6, forces_N=(36.0, 211.0, 433.0, 742.0))
+    text = json.dumps(lb.report.with_words(recommended))
+    (tmp_path / fields.RESULT / "design.json").write_text(text)
+    best = worker.answer(planning.forecast, str(tmp_path), {"best": True})
+    assert [float(test["force"]) for test in best["tests"]] == [
+        test.force_N for test in recommended.plan().tests
+    ]
+    for row in best["rows"]:
+        assert row["sd"] == recommended.expected[row["key"]].sd
+    report = planned_tests.report_of(tmp_path)
+    for change in ({"circles": 5}, {"low": 40.0}, {"augment": True}, {"directions": "both"}):
+        sliders = planned_tests._sliders_of_tests(change, pilot)
+        space = planned_tests._space_of_sliders(report, change, sliders)
+        assert planned_tests._tests_of_report(report, space, sliders) == ()
+
+
 @pytest.mark.slow
 def test_the_best_forces_of_three_positions_of_each_ball_are_those_of_design(fitted: Path) -> None:
     asked = {"circles": 6, "work": 3, "tool": 3}
