@@ -91,9 +91,10 @@ def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]
     states the value; the log notes a contradiction.
 
     Planes and temperatures become fields of each test. The other fields become fields of the
-    campaign, and so does the plane if it is the same for all tests. A feed that differs between
-    tests is not stored. If the user states no ``machine_id``, the serial number of the machine is
-    used, or else the type of the machine, or else None.
+    campaign, and so does the plane if it is the same for all tests. So does the feed that the user
+    states for the tables. A feed that differs between tests is not stored. If the user states no
+    ``machine_id``, the serial number of the machine is used, or else the type of the machine, or
+    else None.
 
     Parameters
     ----------
@@ -131,8 +132,8 @@ def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str
     value. Every value is added to the log of assumptions. If the field is the plane, the value is
     also stored in the fields of the test for which it is stated. If the user or a column of the
     table states the field for a test, lines and names are not used for this test, and the log only
-    notes if they contradict the user or the column. Raise an `InputError` for contradictory
-    statements or an unknown plane.
+    notes if they contradict the user or the column. A feed that the user states is a key of the
+    dict, too. Raise an `InputError` for contradictory statements or an unknown plane.
 
     Parameters
     ----------
@@ -149,6 +150,9 @@ def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str
             if key == "plane":
                 certain = _plane_of_column(recording, certain)
             _note_contradictions(recording, key, certain, values)
+            if key == "feed_mm_per_min":
+                # The user states the feed for the tables, not as a field of the campaign.
+                places[certain] = "as given"
             continue
         places_of_test = {value: stated.place for value, stated in values.items()}
         places |= places_of_test

@@ -696,3 +696,10 @@ def test_one_force_for_each_sheet(tmp_path: Path) -> None:
     )
     senses = book(tmp_path / "cw and ccw.xlsx", {"36 N CW": SHEET, "36 N CCW": SHEET})
     assert loads_of(senses) == [("36 N CW", 36.0, "CW"), ("36 N CCW", 36.0, "CCW")]
+
+
+@pytest.mark.parametrize("above", ["", "Feed: 2000 mm/min"])
+def test_a_feed_that_the_user_states_is_that_of_the_campaign(tmp_path: Path, above: str) -> None:
+    """Also beside angles, and where the file states another."""
+    path = table(tmp_path / NAME, above=above)
+    assert imported(path, {"feed_mm_per_min": 1500.0}).campaign.feed_mm_per_min == 1500.0
