@@ -468,6 +468,24 @@ def test_the_best_forces_are_those_that_the_report_on_the_page_recommends(
         assert planned_tests._tests_of_report(report, space, sliders) == ()
 
 
+@pytest.mark.usefixtures("few_states")
+@pytest.mark.parametrize(
+    ("language", "words"),
+    [
+        ("en", "Circles in the order in which to run them: "),
+        ("de", "Kreise in der Reihenfolge, in der sie zu fahren sind: "),
+    ],
+)
+def test_the_forces_of_a_plan_are_said_to_be_in_the_order_of_the_circles(
+    fitted: Path, language: str, words: str
+) -> None:
+    expected = planning.forecast(fitted, {"circles": 2, "levels": 2})
+    section = templates.Templates().show("forecast.html.j2", language, found=expected)
+    first, second = (test["force"] for test in expected["tests"])
+    assert {first, second} == {"36", "742"}
+    assert f"{words}{first}, {second} N</p>" in section
+
+
 @pytest.mark.slow
 def test_the_best_forces_of_three_positions_of_each_ball_are_those_of_design(fitted: Path) -> None:
     asked = {"circles": 6, "work": 3, "tool": 3}
