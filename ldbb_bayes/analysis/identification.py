@@ -31,6 +31,7 @@ from ldbb_bayes.analysis.design.simulated_analyses import (
     simulate_analyses,
     states_of,
 )
+from ldbb_bayes.analysis.design.slope_priors_of_pilot import with_slope_priors_of_pilot
 from ldbb_bayes.analysis.design.states import extend_hyper_parameters
 from ldbb_bayes.analysis.hyper_parameter_nodes import hyper_parameter_nodes
 from ldbb_bayes.analysis.nested_models import averaged_sds
@@ -299,11 +300,12 @@ class _JudgedTests(NamedTuple):
 
 def _judged_plan(model: HybridModel, plan: Campaign) -> _JudgedTests:
     """Return the tests of a plan, with the uncertainties to expect from them."""
-    bound = bind_plan(model, plan)
+    analysed_with = with_slope_priors_of_pilot(model, plan)
+    bound = bind_plan(analysed_with, plan)
     weight, phi = _scales_before(bound, plan)
     if model.prior.flat:
         return _JudgedTests(bound, weight, phi, None, {}, ())
-    analyses = simulate_analyses(model, plan)
+    analyses = simulate_analyses(analysed_with, plan)
     expected = _expected_sd(bound, plan, analyses)
     averaged = averaged_uncertainties(analyses)
     averaged_sd = {name: entry.sd for name, entry in averaged.items()}

@@ -19,6 +19,7 @@ from scipy.stats import norm
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design import forecast
+from ldbb_bayes.analysis.design.analysis_model import analysis_model
 from ldbb_bayes.analysis.design.bound_plans import bind_plan, bind_tests
 from ldbb_bayes.analysis.design.campaign_design import _limits
 from ldbb_bayes.analysis.design.candidates import add_foreseen_tests, grid_of_tests, templates
@@ -468,6 +469,27 @@ def test_levels_that_cannot_show_another_degree(pilot: lb.Campaign) -> None:
     for number, too_few in ((2, 2), (3, 3), (4, None)):
         tests = space.equal_steps(number)
         assert _limits(space, tests, space.forecast(space.plan_of(tests))).levels == too_few
+
+
+@pytest.mark.parametrize("augment", [False, True])
+def test_forecasts_are_of_the_model_beside_the_plan(pilot: lb.Campaign, augment: bool) -> None:
+    """Also where the range of force is not the pilot's: identify expects what design expected."""
+    model = lb.HybridModel.default(1)
+    forces_N = (100.0, 600.0)
+    design = lb.design(model, pilot, tests=2, forces_N=forces_N, augment=augment)
+    judged = lb.identify(design.model, design.plan())
+    for name, expected in design.expected.items():
+        assert judged.parameters[name].sd == pytest.approx(expected.sd, rel=1e-9)
+
+
+def test_added_circles_keep_the_range_of_force_and_its_priors(pilot: lb.Campaign) -> None:
+    """They are analysed together with the pilot's: only forces outside its range change it."""
+    model = lb.HybridModel.default(1)
+    within = Space(model, pilot, (100.0, 600.0), augment=True)
+    assert not analysis_model(within, within.tests).prior.overrides
+    beyond = Space(model, pilot, (100.0, 900.0), augment=True)
+    slopes = {name for name in beyond.bound.names if name.endswith("_1")}
+    assert set(analysis_model(beyond, beyond.tests).prior.overrides) == slopes
 
 
 def test_augmenting(pilot: lb.Campaign) -> None:

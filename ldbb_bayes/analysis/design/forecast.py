@@ -27,6 +27,7 @@ from ldbb_bayes.analysis.design.simulated_analyses import (
     states_of,
     tests_already_run,
 )
+from ldbb_bayes.analysis.design.slope_priors_of_pilot import with_slope_priors_of_pilot
 from ldbb_bayes.analysis.design.states import States, extend_hyper_parameters
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.model.bound_information import information_of, informations_of
@@ -167,9 +168,10 @@ def forecast_plan(
             slopes=slopes,
             analyses=analyses,
         )
-    states = states_of(model, plan, machines)
-    tests_run = tests_already_run(plan)
-    return forecast_tests(bind_plan(model, plan), states, tests_run=tests_run, slopes=slopes)
+    analysed_with = with_slope_priors_of_pilot(model, plan)
+    bound = bind_plan(analysed_with, plan)
+    states = states_of(analysed_with, plan, machines)
+    return forecast_tests(bound, states, tests_run=tests_already_run(plan), slopes=slopes)
 
 
 def forecast_tests(

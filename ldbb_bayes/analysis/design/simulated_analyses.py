@@ -22,6 +22,7 @@ import numpy as np
 from ldbb_bayes.analysis.design.believed_scales import believed_scales
 from ldbb_bayes.analysis.design.bound_plans import bind_plan
 from ldbb_bayes.analysis.design.reference_estimates import draw_reference_estimates, prior_medians
+from ldbb_bayes.analysis.design.slope_priors_of_pilot import with_slope_priors_of_pilot
 from ldbb_bayes.analysis.design.states import States, extend_hyper_parameters, states_before
 from ldbb_bayes.analysis.truncated_moments import symmetric_root, truncated_moments
 from ldbb_bayes.campaign.campaign import Campaign
@@ -118,9 +119,10 @@ def simulate_analyses(
         Seed of the random numbers: the machines, and the readings of their tests. All forecasts use
         the default, so that two forecasts of one plan agree; another seed gives other machines.
     """
-    bound = bind_plan(model, plan)
+    analysed_with = with_slope_priors_of_pilot(model, plan)
+    bound = bind_plan(analysed_with, plan)
     _check_parameters(bound)
-    states = states_of(model, plan, machines, seed)
+    states = states_of(analysed_with, plan, machines, seed)
     return analyses_on_machines(bound, states, tests_already_run(plan), seed)
 
 
