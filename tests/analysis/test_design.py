@@ -471,6 +471,14 @@ def test_levels_that_cannot_show_another_degree(pilot: lb.Campaign) -> None:
         assert _limits(space, tests, space.forecast(space.plan_of(tests))).levels == too_few
 
 
+def test_one_circle_is_not_called_circles(pilot: lb.Campaign) -> None:
+    design = lb.design(LINEAR, pilot, tests=1, forces_N=THREE, augment=True)
+    sentences = " ".join(design_sentences(design))
+    assert "Run 1 more circle: 1 × " in sentences
+    assert "(1 circle)" in sentences
+    assert "1 circles" not in sentences
+
+
 @pytest.mark.parametrize("augment", [False, True])
 def test_forecasts_are_of_the_model_beside_the_plan(pilot: lb.Campaign, augment: bool) -> None:
     """Also where the range of force is not the pilot's: identify expects what design expected."""

@@ -287,6 +287,15 @@ def test_the_sentences_state_circles_minutes_and_share_of_machines(cheapest):
     assert f"Run {best.circles} circles in {best.minutes:.0f} min" in text
 
 
+def test_one_circle_is_not_called_circles(cheapest):
+    single = replace(cheapest.best, circles=1)
+    assert "Run 1 circle in" in text_of(replace(cheapest, plans=(single,)))
+    short = replace(cheapest.costs, hours=0.1)
+    too_long = replace(cheapest, plans=(), customary=(), without_limit=single, costs=short)
+    text = " ".join(text_of(too_long).split())
+    assert " h: 1 circle, price" in text
+
+
 def test_a_goal_just_below_what_remains_reads_as_less_than_it():
     """Of 5.43 and 5.40 two digits would be the same."""
     far = lb.design(MODEL, PILOT, goals={"E_C0YX": "1e-3 µrad"}, forces_N=FORCES)

@@ -31,6 +31,10 @@ SENTENCES = [
     "Met already by 'a pilot' (U now is not above what is wanted on 90 % or more of the machines"
     " that it leaves likely), so that nothing is needed: C_XXX and E_XX1.",
     "Run 9 circles in 47 min, with balls of grade G10 and bar ± 1 µm certified: price 347.",
+    "Run 1 circle in 18 min: price 18.",
+    "Run 1 circle in 18 min, with bar ± 1 µm certified: price 168.",
+    "Without this limit the cheapest takes 0.3 h: 1 circle, price 18.",
+    "Without this limit the cheapest takes 0.3 h: 1 circle, with bar ± 1 µm certified, price 168.",
     "The other goals are met on 98 % of the machines that the prior allows (90 % were asked for).",
     "Out of reach, for the reasons below: C_XXX and E_XX1.",
     "The circles run so far are not counted in: these circles reach the goals by themselves. With"
