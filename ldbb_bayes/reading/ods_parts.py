@@ -11,7 +11,7 @@ import zipfile
 from collections.abc import Iterator, Mapping
 from xml.etree import ElementTree
 
-from ldbb_bayes.reading.workbook_parts import SheetParts, unit_shown, xml_root
+from ldbb_bayes.reading.workbook_parts import PERCENT, THOUSANDS, SheetParts, unit_shown, xml_root
 
 __all__ = ["parts_of_ods"]
 
@@ -72,7 +72,13 @@ def _units_of_styles(roots: list[ElementTree.Element]) -> dict[str, str]:
     for root in roots:
         for data_style in root.iter(f"{_NUMBER}number-style"):
             texts = [text.text or "" for text in data_style.findall(f"{_NUMBER}text")]
-            unit_by_format[data_style.get(f"{_STYLE}name")] = unit_shown("".join(texts))
+            unit = unit_shown("".join(texts))
+            digits = data_style.find(f"{_NUMBER}number")
+            if digits is not None and digits.get(f"{_NUMBER}display-factor", "1") != "1":
+                unit = THOUSANDS
+            unit_by_format[data_style.get(f"{_STYLE}name")] = unit
+        for percentage_style in root.iter(f"{_NUMBER}percentage-style"):
+            unit_by_format[percentage_style.get(f"{_STYLE}name")] = PERCENT
         for style in root.iter(f"{_STYLE}style"):
             number_format = style.get(f"{_STYLE}data-style-name")
             if number_format is not None:
@@ -117,8 +123,11 @@ def _add_cells(
     for column, cell in _cells_of(row):
         has_value = any(cell.get(f"{_OFFICE}{name}") is not None for name in _VALUES)
         style = cell.get(f"{_TABLE}style-name") or style_of_row or styles.get(column, "")
-        if has_value and units.get(style):
-            parts.units[line, column] = units[style]
+        unit = units.get(style, "")
+        if cell.get(f"{_OFFICE}value-type") == "percentage":
+            unit = PERCENT
+        if has_value and unit:
+            parts.units[line, column] = unit
         is_formula = cell.get(f"{_TABLE}formula") is not None
         if is_formula and not has_value and not "".join(cell.itertext()).strip():
             parts.formulas_without_value.add((line, column))

@@ -49,6 +49,7 @@ from ldbb_bayes.reading.texts_beside import without_texts_behind
 from ldbb_bayes.reading.travel_direction import with_sides_in_full
 from ldbb_bayes.reading.unit_columns import unit_columns
 from ldbb_bayes.reading.words import LONGEST_NAME, UNITS, unit_named
+from ldbb_bayes.reading.workbook_parts import PERCENT, THOUSANDS
 from ldbb_bayes.results import Array
 
 __all__ = ["NOT_SHARED", "SheetColumns", "read_columns"]
@@ -60,6 +61,11 @@ NOT_SHARED = ("test", "direction", "reading")
 # Fields of a test that a column of the table may also state, with the same value in all rows of the
 # test.
 _FIELDS_OF_COLUMNS = ("radius_mm", "feed_mm_per_min", "start_deg", "overshoot_deg")
+# What a cell is whose number format shows another number than is stored.
+_SHOWN_OTHERWISE = {
+    PERCENT: "a cell in percent, which is stored divided by 100",
+    THOUSANDS: "a cell that is shown in thousands",
+}
 # Headers of columns that state conditions of a test without a role.
 _CONDITIONS = ("plane", "radius_mm")
 
@@ -324,6 +330,7 @@ def read_columns(
         clock_column = heading.roles["time"]
     number_columns = [column for column in _numeric_columns(heading) if column != clock_column]
     _check_formulas(sheet, heading, lines, number_columns)
+    _check_shown_numbers(sheet, heading, lines, number_columns)
     cells_by_line: list[tuple[int, str]] = []
     for k, line in enumerate(lines):
         cells_by_line += [(line, cells[column][k]) for column in number_columns]
@@ -412,6 +419,26 @@ def _check_formulas(
                     f"{sheet.place}, line {line}: column {name!r} must hold values, got a formula"
                     " without a stored value. Open the file in a spreadsheet program and save it"
                     " once, or export the sheet as CSV."
+                )
+
+
+def _check_shown_numbers(
+    sheet: Sheet, heading: Heading, lines: Sequence[int], columns: Sequence[int]
+) -> None:
+    """Raise an `InputError` for a cell in percent or in thousands in a column of numbers.
+
+    A workbook shows another number than it stores in such a cell. Nothing says which of the two is
+    in the unit of the column. ``lines`` are the line numbers of the rows of the
+    table, and ``columns`` are the indices of the columns of numbers.
+    """
+    for line in lines:
+        for column in columns:
+            kind = _SHOWN_OTHERWISE.get(sheet.format_units.get((line, column), ""))
+            if kind is not None:
+                name = heading.headers[column][:LONGEST_NAME] or column + 1
+                raise InputError(
+                    f"{sheet.place}, line {line}: column {name!r} must hold numbers in its unit,"
+                    f" got {kind}. Format the column as number, and see that the numbers are right."
                 )
 
 

@@ -26,7 +26,7 @@ from ldbb_bayes.reading.cell_units import number_in_cell
 from ldbb_bayes.reading.ods_parts import parts_of_ods
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.words import LONGEST_NAME, unit_named
-from ldbb_bayes.reading.workbook_parts import SheetParts, parts_of_sheets
+from ldbb_bayes.reading.workbook_parts import PERCENT, SheetParts, parts_of_sheets
 
 __all__ = ["WORKBOOK_SUFFIXES", "read_workbook"]
 
@@ -214,8 +214,8 @@ def _visible_rows(values: Sequence[Sequence[object]], parts: SheetParts) -> list
     """Return the rows of a sheet with their line numbers. Hidden and empty rows are left out.
 
     Outside a table of readings, the unit that a number format shows is written behind the number:
-    the number 0.3 in the format ``0.0 "kN"`` becomes the text ``0.3 kN``. ``values`` holds the
-    values of the cells, row by row.
+    the number 0.3 in the format ``0.0 "kN"`` becomes the text ``0.3 kN``, and 0.5 in the format
+    ``0%`` becomes ``50 %``. ``values`` holds the values of the cells, row by row.
     """
     lines_of_table = _lines_of_table(values)
     rows = []
@@ -225,11 +225,22 @@ def _visible_rows(values: Sequence[Sequence[object]], parts: SheetParts) -> list
             continue
         if line not in lines_of_table:
             for column, value in enumerate(values_of_row):
-                unit = unit_named(parts.units.get((line, column), ""))
-                if unit and isinstance(value, float):
-                    texts[column] += f" {unit}"
+                shown_unit = parts.units.get((line, column), "")
+                if isinstance(value, float):
+                    texts[column] = _text_with_unit(value, shown_unit)
         rows.append(Row(line, texts))
     return rows
+
+
+def _text_with_unit(value: float, shown_unit: str) -> str:
+    """Return a number as text, with the unit in its number format, as in ``0.3 kN``.
+
+    A word in the number format that is not a known unit is left out. ``shown_unit`` is the unit in
+    the number format; it is empty if there is none.
+    """
+    if shown_unit == PERCENT:
+        return f"{100.0 * value:g} {PERCENT}"
+    return f"{_cell_text(value)} {unit_named(shown_unit)}".strip()
 
 
 def _lines_of_table(values: Sequence[Sequence[object]]) -> set[int]:

@@ -16,7 +16,12 @@ from xml.etree import ElementTree
 
 from ldbb_bayes.reading.words import scaled_unit
 
-__all__ = ["SheetParts", "parts_of_sheets", "unit_shown", "xml_root"]
+__all__ = ["PERCENT", "THOUSANDS", "SheetParts", "parts_of_sheets", "unit_shown", "xml_root"]
+
+#: "unit" of a cell that shows its number in percent, that is, multiplied by 100
+PERCENT = "%"
+#: "unit" of a cell that shows its number divided by 1000, as in the format ``0.0,``
+THOUSANDS = ","
 
 _MAIN = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
 _RELATIONS = "{http://schemas.openxmlformats.org/officeDocument/2006/relationships}"
@@ -24,8 +29,12 @@ _PACKAGE = "{http://schemas.openxmlformats.org/package/2006/relationships}"
 # Regular expression for the texts that a number format shows beside the number. Such a text is in
 # quotes, or is a single character after a backslash.
 _TEXT_IN_FORMAT = re.compile(r'"([^"]*)"|\\(.)')
+# Regular expression for commas behind the digits of a number format; each divides by 1000.
+_COMMAS_BEHIND = re.compile(r"[0#?],+(?![0#?,.])")
 _CELL_NAME = re.compile(r"([A-Z]+)(\d+)")
 _LETTERS = 26
+# Numbers of the formats 0% and 0.00%, which every XLSX workbook has without stating them.
+_BUILT_IN_PERCENT = ("9", "10")
 # A file inside a workbook is examined only if its size [bytes] is at most this value.
 _LARGEST_PART = 64 * 2**20
 
@@ -35,7 +44,8 @@ class SheetParts:
     """Contents of one sheet of a workbook other than the values of cells."""
 
     #: dict with the unit in the number format of each cell that has one, such as µm in the format
-    #: ``0.0 "µm"``; each key is a pair of the line number and the column index of a cell
+    #: ``0.0 "µm"``, ``PERCENT`` or ``THOUSANDS``; each key is a pair of the line number and the
+    #: column index of a cell
     units: dict[tuple[int, int], str] = field(default_factory=dict)
     hidden_lines: set[int] = field(default_factory=set)  #: line numbers of a sheet's hidden rows
     #: line number and column index of each cell that has a formula but no stored value
@@ -98,7 +108,7 @@ def _units_of_styles(archive: zipfile.ZipFile) -> dict[str, str]:
     if "xl/styles.xml" not in archive.namelist():
         return {}
     root = xml_root(archive, "xl/styles.xml")
-    unit_by_format = {}
+    unit_by_format: dict[str | None, str] = dict.fromkeys(_BUILT_IN_PERCENT, PERCENT)
     for number_format in root.iter(f"{_MAIN}numFmt"):
         unit = _unit_in_format(number_format.get("formatCode", ""))
         if unit:
@@ -116,10 +126,16 @@ def _units_of_styles(archive: zipfile.ZipFile) -> dict[str, str]:
 def _unit_in_format(code: str) -> str:
     """Return the unit that a number format shows after numbers, such as mm for ``0.000" mm"``.
 
-    A word that is not a known unit is returned as written. The result is empty if the number format
-    has no word. ``code`` is the number format.
+    A word that is not a known unit is returned as written. The result is ``PERCENT`` or
+    ``THOUSANDS`` for a format that shows another number than is stored, and empty if the number
+    format has no word. ``code`` is the number format.
     """
     positive = code.split(";")[0]
+    marks = _TEXT_IN_FORMAT.sub("", positive)
+    if PERCENT in marks:
+        return PERCENT
+    if _COMMAS_BEHIND.search(marks):
+        return THOUSANDS
     text = "".join(quoted or escaped for quoted, escaped in _TEXT_IN_FORMAT.findall(positive))
     return unit_shown(text)
 

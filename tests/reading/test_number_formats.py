@@ -10,6 +10,7 @@ from openpyxl.worksheet.worksheet import Worksheet
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.errors import InputError
 
 KILONEWTON = '#,##0.000 "kN"'
 CENTIMETRE = '0.0" cm"'
@@ -92,3 +93,36 @@ def test_a_constant_column_of_radii(tmp_path: Path) -> None:
         write_row(sheet, (10.0, CENTIMETRE), 5.0 * k, 0.1 * k)
     book.save(tmp_path / "runs.xlsx")
     assert lb.import_campaign(tmp_path / "runs.xlsx").campaign.tests[0].radius_mm == 100.0
+
+
+@pytest.mark.parametrize(
+    ("number_format", "shown"),
+    [
+        ("0%", "in percent"),
+        ("0.00%", "in percent"),
+        ("0.000 %", "in percent"),
+        ("0.000,", "in thousands"),
+        ('0.000," µm"', "in thousands"),
+    ],
+)
+def test_readings_shown_as_another_number_are_asked_about(
+    number_format: str, shown: str, tmp_path: Path
+) -> None:
+    book = openpyxl.Workbook()
+    sheet = book.worksheets[0]
+    sheet.append(["Angle [deg]", "Deviation [um]"])
+    for k in range(72):
+        write_row(sheet, 5.0 * k, (0.1 * k, number_format))
+    book.save(tmp_path / "300 N.xlsx")
+    with pytest.raises(InputError, match=f"line 2: column 'Deviation.*got a cell .*{shown}"):
+        lb.import_campaign(tmp_path / "300 N.xlsx")
+
+
+def test_thousands_separated_in_a_format_stay_readings(tmp_path: Path) -> None:
+    book = openpyxl.Workbook()
+    sheet = book.worksheets[0]
+    sheet.append(["Angle [deg]", "Deviation [nm]"])
+    for k in range(72):
+        write_row(sheet, 5.0 * k, (1000.0 * k, "#,##0.00"))
+    book.save(tmp_path / "300 N.xlsx")
+    assert lb.import_campaign(tmp_path / "300 N.xlsx").campaign.tests[0].reading_um[71] == 71.0

@@ -186,3 +186,30 @@ def test_an_archive_of_files_with_another_name_must_be_unpacked(tmp_path: Path) 
         archive.writestr("100N.csv", "Angle [deg];Deviation [um]\n0;1\n")
     with pytest.raises(lb.InputError, match="must be unpacked, got an archive"):
         lb.import_campaign(path)
+
+
+@pytest.mark.parametrize("column", ["Angle [deg]", "Deviation [um]"])
+def test_column_in_percent_is_asked_about(tmp_path, column):
+    rows = [row(text("Angle [deg]"), text("Deviation [um]"))]
+    for k, reading in enumerate(READINGS_UM):
+        cells = {"Angle [deg]": number(10.0 * k), "Deviation [um]": number(float(reading))}
+        cells[column] = cells[column].replace('"float"', '"percentage"')
+        rows.append(row(*cells.values()))
+    path = workbook(tmp_path, rows)
+    with pytest.raises(lb.errors.InputError, match=r"line 2: column .* got a cell in percent"):
+        lb.import_campaign(path)
+
+
+def test_number_in_percent_above_table_is_no_force(tmp_path):
+    share = number(2.0).replace('"float"', '"percentage"')
+    path = workbook(tmp_path, [row(text("Force"), share), *table_rows()])
+    assert lb.import_campaign(path).campaign.tests[0].force_N == 300.0
+
+
+def test_unused_column_in_percent_changes_nothing(tmp_path):
+    rows = [row(text("Angle [deg]"), text("Deviation [um]"), text("Quality"))]
+    share = number(0.97).replace('"float"', '"percentage"')
+    for k, reading in enumerate(READINGS_UM):
+        rows.append(row(number(10.0 * k), number(float(reading)), share))
+    imported = lb.import_campaign(workbook(tmp_path, rows))
+    np.testing.assert_allclose(imported.campaign.tests[0].reading_um, READINGS_UM)
