@@ -37,6 +37,7 @@ __all__ = [
     "AngleConvention",
     "angle_convention",
     "angle_of_axis",
+    "header_of_rotation",
     "is_about_angles",
     "name_is_about_angles",
     "says_where_angles_begin",
@@ -93,6 +94,9 @@ _MINUS = re.compile(_WORDS["minus"], re.IGNORECASE)
 # Regular expression for words in a header, such as "travelled", which mean that angles are counted
 # in the direction of travel.
 _TRAVELLED = re.compile(_WORDS["travelled"], re.IGNORECASE)
+# Regular expression for words in a header, such as "path angle", which leave open whether angles
+# are counted in the direction of travel.
+_ROTATION = re.compile(_WORDS["rotation"], re.IGNORECASE)
 # Regular expression for words that mean an angle.
 _ANGLE = re.compile(_WORDS["angle"], re.IGNORECASE)
 # Regular expression for words which show that an axis in the same text is not the axis at which
@@ -178,6 +182,19 @@ def angle_convention(recording: Recording, plane: str) -> AngleConvention:
     if not sense and _sense_of_travelled_angle(recording):
         return _convention_along_travel(recording, plane, words, zero)
     return _convention_in_words(recording, plane, words, zero, sense)
+
+
+def header_of_rotation(recording: Recording) -> str:
+    """Return the header of the angles if it leaves open whether they are counted along the travel.
+
+    Such a header is ``Path angle [deg]``. The result is empty for any other header, and if the
+    layout states in which sense angles are counted.
+    """
+    layout = recording.layout
+    if layout.angle_sense is not None or layout.angle_sign is not None:
+        return ""
+    header = _header_of_angles(recording)
+    return header if _ROTATION.search(name_as_words(header)) else ""
 
 
 def _sense_of_travelled_angle(recording: Recording) -> str:

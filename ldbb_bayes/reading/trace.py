@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.errors import InputError, placed, require
-from ldbb_bayes.reading.angle_convention import angle_convention
+from ldbb_bayes.reading.angle_convention import angle_convention, header_of_rotation
 from ldbb_bayes.reading.angular_speed import feed_of_angular_speed
 from ldbb_bayes.reading.assumptions import NOTHING_STATED
 from ldbb_bayes.reading.cartesian_columns import (
@@ -482,8 +482,9 @@ def _check_direction(recording: Recording, trace: Trace, n_laps: float) -> None:
     that continue over several laps cannot have been sorted, and falling angles that the file counts
     clockwise were hardly sorted: "Angle CW" may name the direction of travel. If such angles
     contradict the stated direction, an `InputError` is raised instead, unless the layout states in
-    which sense angles are counted. ``n_laps`` is the number of laps. ``trace`` holds the angles and
-    the stated direction of travel.
+    which sense angles are counted. It is also raised for angles with a header such as "Path angle",
+    which may be counted along the travel. ``n_laps`` is the number of laps. ``trace`` holds the
+    angles and the stated direction of travel.
     """
     run = direction_of_travel(trace.angle_deg)
     if trace.direction is None or run in (None, trace.direction):
@@ -508,6 +509,13 @@ def _check_direction(recording: Recording, trace: Trace, n_laps: float) -> None:
             f" --angle-sense {other_sense}; if the machine ran {_IN_WORDS[run]}, give --direction"
             f" {run}."
         )
+    header = header_of_rotation(recording)
+    require(
+        not header,
+        f"{header!r} must count from an axis, got direction {trace.direction} and angles that run"
+        f" {run}. If it is the angle travelled from the start, call the column 'travelled angle';"
+        " if it is counted counter-clockwise whatever the direction, give --angle-sense CCW.",
+    )
     recording.note(
         "direction",
         f"{trace.direction}, as stated",

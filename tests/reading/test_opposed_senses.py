@@ -226,3 +226,30 @@ def test_a_side_without_its_opposite_is_no_direction(tmp_path: Path) -> None:
     path.write_text(path.read_text(encoding="utf-8").replace("Reading [um]", "right [um]"))
     layout = Layout(columns={"reading": "right [um]"})
     assert lb.import_campaign(path, layout=layout).campaign.tests[0].direction is None
+
+
+ROTATIONS = [
+    "Path angle [deg]",
+    "Rotation angle (deg)",
+    "Angle of rotation [deg]",
+    "Bahnwinkel [°]",
+    "Drehwinkel [°]",
+    "回転角 [deg]",
+]
+
+
+@pytest.mark.parametrize("header", ROTATIONS)
+def test_rising_angle_of_rotation_on_a_clockwise_circle_is_asked_about(
+    header: str, tmp_path: Path
+) -> None:
+    path = circle(tmp_path, "Direction: CW")
+    table = path.read_text(encoding="utf-8").replace("Angle [deg]", header)
+    path.write_text(table, encoding="utf-8")
+    with pytest.raises(lb.errors.InputError, match=r"travelled angle.* --angle-sense CCW"):
+        lb.import_campaign(path)
+    kept = lb.import_campaign(path, layout=Layout(angle_sense="CCW")).campaign.tests[0]
+    assert kept.angle_deg[9] == 90.0
+    path.write_text(table.replace(header, "travelled angle [deg]"), encoding="utf-8")
+    along = lb.import_campaign(path).campaign.tests[0]
+    assert along.angle_deg[9] == -90.0
+    assert along.reading_um[9] == 5.0
