@@ -26,7 +26,7 @@ from ldbb_bayes.reading.numerals import (
     may_be_thousands,
     number_in_text,
 )
-from ldbb_bayes.reading.planes import plane_named
+from ldbb_bayes.reading.planes import axes_in_two_lines, plane_of_words
 from ldbb_bayes.reading.programmed_circles import (
     programmed_arcs,
     programs_arc,
@@ -266,6 +266,10 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
         in_words = {**units_stated(text), **measured_length_stated(text)}
         for key, words in (*_stated_in_words(text), *in_words.items()):
             statements.setdefault(key, []).append(LineStatement(words, "", line))
+    axes = axes_in_two_lines(lines)
+    if axes is not None:
+        line_of_axes, plane = axes
+        statements.setdefault("plane", []).append(LineStatement(plane, "", line_of_axes))
     for field, statement in _programmed_numbers(lines):
         statements.setdefault(field, []).append(statement)
     return statements
@@ -545,7 +549,7 @@ def _value_in_words(key: str, value: str, matched: str) -> str:
     the whole statement: these words with the label in front of them.
     """
     if key == "plane":
-        return plane_named(re.sub("[-/]", "", value))
+        return plane_of_words(value)
     if key in _DATES:
         return iso_date(value)
     if key in _NAME_WORDS:

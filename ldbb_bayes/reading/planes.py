@@ -18,8 +18,10 @@ from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
 __all__ = [
     "PLANES_OF_G_CODE",
     "PLANE_OF_SWAPPED",
+    "axes_in_two_lines",
     "check_plane",
     "plane_named",
+    "plane_of_words",
     "take_plane_option",
     "unread_plane",
 ]
@@ -31,6 +33,11 @@ PLANE_OF_SWAPPED = {"YX": "XY", "ZY": "YZ", "XZ": "ZX"}
 # Regular expression for the two letters of a plane. A mark may stand between the letters, and a
 # word for plane may follow them.
 _TWO_AXES = re.compile(r"(?P<first>[XYZ])[-/ ,;+_]?(?P<second>[XYZ])(?:[- ]?(?:PLANE|EBENE))?")
+# Regular expression for the signs and words that may stand between two axes, as in "Z and X".
+_BETWEEN_AXES = re.compile(r"[-/,;+&|\s]+(?:(?:and|und|et|e|i|и)\s+)?", re.IGNORECASE)
+# Regular expressions for lines that name the first or the second axis of the plane.
+_FIRST_AXIS = re.compile(WORDS["planes"]["first_axis"], re.IGNORECASE)
+_SECOND_AXIS = re.compile(WORDS["planes"]["second_axis"], re.IGNORECASE)
 # Regular expression for the label "plane" in several languages, with the text after the label.
 _LABELLED = re.compile(WORDS["planes"]["labelled"], re.IGNORECASE)
 # A note shows at most this number of characters of a line.
@@ -47,6 +54,40 @@ def plane_named(cell: str) -> str:
     if letters is not None:
         return letters["first"] + letters["second"]
     return PLANES_OF_G_CODE.get(word, word)
+
+
+def plane_of_words(words: str) -> str:
+    """Return the plane that the words of a line name, such as ``ZX`` for ``Z and X``."""
+    return plane_named(_BETWEEN_AXES.sub("", words.strip()))
+
+
+def axes_in_two_lines(lines: Sequence[tuple[int | str, str]]) -> tuple[int | str, str] | None:
+    """Return the plane whose first and second axis are named in separate places.
+
+    An example are the lines ``Horizontal axis: Z`` and ``Vertical axis: X``, which name the plane
+    ZX. The result holds the number of the line that names the second axis, and the plane. It is
+    None if an axis is not named, or if both are the same.
+
+    Parameters
+    ----------
+    lines
+        Line number and text of each line.
+    """
+    first = ""
+    second = ""
+    line_of_second: int | str = 0
+    for line, content in lines:
+        text = content[:LONGEST_TEXT]
+        first_match = _FIRST_AXIS.search(text)
+        second_match = _SECOND_AXIS.search(text)
+        if first_match is not None:
+            first = first_match["axis"].upper()
+        if second_match is not None:
+            second = second_match["axis"].upper()
+            line_of_second = line
+    if not first or not second or first == second:
+        return None
+    return line_of_second, first + second
 
 
 def take_plane_option(campaign: dict[str, Any]) -> None:
