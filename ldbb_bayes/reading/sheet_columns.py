@@ -43,7 +43,11 @@ from ldbb_bayes.reading.numerals import (
 from ldbb_bayes.reading.planes import plane_named
 from ldbb_bayes.reading.recording import RowUnits
 from ldbb_bayes.reading.sheet import Sheet
-from ldbb_bayes.reading.statistics_rows import statistics_among, words_among_numbers
+from ldbb_bayes.reading.statistics_rows import (
+    statistics_among,
+    unfit_among,
+    words_among_numbers,
+)
 from ldbb_bayes.reading.table_rows import table_rows
 from ldbb_bayes.reading.texts_beside import without_texts_behind
 from ldbb_bayes.reading.travel_direction import with_sides_in_full
@@ -380,8 +384,9 @@ def _check_rows_hold_readings(
     """Raise an `InputError` if an otherwise unused column says that some rows hold no readings.
 
     For example, a column ``stat`` may hold the word "raw" in rows of readings, and "mean" in a row
-    of means. Or a column of row numbers may hold the words "Gain" and "Offset" in its first cells.
-    ``lines`` are the line numbers of the rows, and ``cells`` are the cells of each column.
+    of means, or a column ``Quality`` the words "Good" and "Bad". Or a column of row numbers may
+    hold the words "Gain" and "Offset" in its first cells. ``lines`` are the line numbers of the
+    rows, and ``cells`` are the cells of each column.
     """
     for column in unused_columns(heading):
         rows = statistics_among(cells[column])
@@ -391,6 +396,15 @@ def _check_rows_hold_readings(
             raise InputError(
                 f"{sheet.place}: rows must hold readings, got {cells[column][rows[0]]!r} in column"
                 f" {name!r}. Remove the rows of statistics: {listed}."
+            )
+        unfit = unfit_among(cells[column])
+        if unfit:
+            name = heading.headers[column][:LONGEST_NAME]
+            listed = shown_list([str(lines[row]) for row in unfit], LONGEST_NAME)
+            raise InputError(
+                f"{sheet.place}, line {lines[unfit[0]]}: rows must hold readings, got"
+                f" {cells[column][unfit[0]][:LONGEST_NAME]!r} in column {name!r}. Remove the rows:"
+                f" {listed}. If they are readings, remove these words."
             )
         words = words_among_numbers(cells[column])
         if words:

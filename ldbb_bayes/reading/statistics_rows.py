@@ -1,6 +1,7 @@
 """Rows of a table that hold no readings: statistics, such as the mean, and factors, such as a gain.
 
-Factors are numbers with which all readings of a column are to be converted.
+Rows that a column calls bad hold no readings either. Factors are numbers with which all readings
+of a column are to be converted.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ __all__ = [
     "label_of_statistics",
     "rows_of_statistics",
     "statistics_among",
+    "unfit_among",
     "words_among_numbers",
 ]
 
@@ -26,6 +28,8 @@ _WORDS = frozenset(WORDS["statistics"]["words"].split())
 _SURE_WORDS = frozenset(WORDS["statistics"]["sure"].split())
 # Words, such as "gain", which mean that a row states how the readings are to be converted.
 _CONVERSIONS = frozenset(WORDS["statistics"]["conversion"].split())
+# Regular expression for a cell which says that its row holds no good reading, such as "Bad".
+_UNFIT = re.compile(WORDS["statistics"]["unfit"], re.IGNORECASE)
 # A column holds numbers if at least this fraction of its filled cells are numbers.
 _SHARE_OF_NUMBERS = 0.9
 # Names of axes, which may stand behind the name of a statistic.
@@ -75,6 +79,16 @@ def words_among_numbers(cells: Sequence[str]) -> list[int]:
     if conversions or not _holds_numbers(cells):
         return conversions
     return [k for k, cell in enumerate(cells) if _is_word(cell)]
+
+
+def unfit_among(cells: Sequence[str]) -> list[int]:
+    """Return the indices of the cells of a column which say that their rows hold no good reading.
+
+    Such a cell is ``Bad_NoCommunication`` in a column of qualities, or "outlier, do not use" in a
+    column of remarks. The list is empty if every cell of the column says so.
+    """
+    unfit = [k for k, cell in enumerate(cells) if _UNFIT.fullmatch(cell.strip())]
+    return [] if len(unfit) == len(cells) else unfit
 
 
 def _holds_numbers(cells: Sequence[str]) -> bool:

@@ -114,3 +114,32 @@ def test_remarks_beside_some_rows_are_no_reason_to_refuse(tmp_path: Path) -> Non
     path = tmp_path / "100N.csv"
     path.write_text("\n".join(["Angle [deg];Reading [um];Remark", *rows, ""]))
     assert lb.import_campaign(path).campaign.readings == len(ROWS)
+
+
+@pytest.mark.parametrize(
+    ("header", "usual", "unfit"),
+    [
+        ("Quality", "Good", "Bad_NoCommunication"),
+        ("StatusCode", "Good", "Uncertain"),
+        ("Remark", "", "outlier, do not use"),
+        ("Bemerkung", "", "Ausreißer"),
+        ("unit_string", "", "wf_increment"),
+    ],
+)
+def test_rows_called_bad_are_refused_with_their_lines(
+    header: str, usual: str, unfit: str, tmp_path: Path
+) -> None:
+    rows = [f"{unfit if k == 4 else usual};{row}" for k, row in enumerate(ROWS)]
+    path = tmp_path / "100N.csv"
+    text = "\n".join([f"{header};Angle [deg];Reading [um]", *rows, ""])
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(lb.InputError, match=rf"line 6: .* got '{unfit}' .* the rows: 6\."):
+        lb.import_campaign(path)
+
+
+@pytest.mark.parametrize("remark", ["no error", "badge 7", "errorless", "not an outlier"])
+def test_remarks_that_deny_a_fault_change_nothing(remark: str, tmp_path: Path) -> None:
+    rows = [f"{row};{remark if k == 4 else ''}" for k, row in enumerate(ROWS)]
+    path = tmp_path / "100N.csv"
+    path.write_text("\n".join(["Angle [deg];Reading [um];Remark", *rows, ""]))
+    assert lb.import_campaign(path).campaign.readings == len(ROWS)
