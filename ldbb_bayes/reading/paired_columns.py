@@ -17,7 +17,7 @@ from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.role_words import has_role
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.stacked_tables import first_header
-from ldbb_bayes.reading.travel_direction import senses_in, without_directions
+from ldbb_bayes.reading.travel_direction import direction_named, senses_in, without_directions
 from ldbb_bayes.reading.words import LONGEST_NAME, comparable
 
 __all__ = ["split_pairs"]
@@ -66,7 +66,7 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
     _check_sense_of_angles(sheet, header, headers, layout)
     if not all(_has_stated_columns(layout, table_names) for table_names in headers):
         return [sheet]
-    titles = _names_of_tables(headers)
+    titles = _names_of_tables(headers, sheet.name)
     if headers != headers_in_file:
         titles = _with_directions(titles, headers_in_file)
     tables = []
@@ -317,11 +317,17 @@ def _table_in_columns(
     """Return one of the tables that stand beside each other in a sheet, as a separate sheet.
 
     The table is in the given ``columns``, and ``title`` is the name of the separate sheet. The rows
-    above the row of headers, whose index is ``header``, are copied too. The columns
+    above the row of headers, whose index is ``header``, are copied too; of a row with a direction
+    above each table, only the direction of this table. The columns
     ``further_columns``, which hold the numbers of the rows or texts, are appended to the right of
     the table.
     """
-    rows = list(sheet.rows[:header])
+    rows = []
+    for row in sheet.rows[:header]:
+        if _states_directions_of_tables(row.cells, len(columns)):
+            rows.append(Row(row.line, row.cells[columns.start : columns.stop]))
+        else:
+            rows.append(row)
     for row in sheet.rows[header:]:
         cells = row.cells[columns.start : columns.stop]
         if any(cells):
@@ -339,6 +345,20 @@ def _table_in_columns(
         format_units=_units_in_columns(sheet.format_units, columns),
         formulas_without_value=formulas,
     )
+
+
+def _states_directions_of_tables(cells: Sequence[str], width: int) -> bool:
+    """Return whether a row above several tables states one direction of travel for each of them.
+
+    ``cells`` are the cells of the row, and ``width`` is the number of columns of each table.
+    """
+    directions = []
+    for start in range(0, len(cells), width):
+        words = [cell for cell in cells[start : start + width] if cell]
+        if len(words) != 1:
+            return False
+        directions.append(direction_named(words[0]))
+    return len(directions) > 1 and set(directions) <= {"CW", "CCW"}
 
 
 def _has_stated_columns(layout: Layout, headers: Sequence[str]) -> bool:
@@ -370,15 +390,16 @@ def _units_in_columns(
     return in_table
 
 
-def _names_of_tables(headers: Sequence[Sequence[str]]) -> list[str]:
+def _names_of_tables(headers: Sequence[Sequence[str]], sheet_name: str) -> list[str]:
     """Return a name for each of several tables that stand beside each other in a sheet.
 
     The name is the header of the column of readings without the unit. If two of these headers are
     equal, or if one is empty, the headers of the columns of angles are used instead. If these are
-    equal or empty too, the tables are numbered. ``headers`` are the headers of each table.
+    equal or empty too, the tables are numbered, behind the name of the sheet, which may state their
+    force. ``headers`` are the headers of each table, and ``sheet_name`` is the name of the sheet.
     """
     for column in (1, 0):
         titles = [BRACKET.split(of_table[column])[0].strip() for of_table in headers]
         if len(set(titles)) == len(titles) and all(titles):
             return titles
-    return [f"table {number}" for number in range(1, len(headers) + 1)]
+    return [f"{sheet_name} table {number}".strip() for number in range(1, len(headers) + 1)]
