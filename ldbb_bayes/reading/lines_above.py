@@ -35,6 +35,7 @@ from ldbb_bayes.reading.programmed_circles import (
 from ldbb_bayes.reading.travel_direction import NAMES_DIRECTION, directions_stated
 from ldbb_bayes.reading.unit_lines import units_stated
 from ldbb_bayes.reading.words import (
+    ABSOLUTE_PRESSURE,
     LONGEST_TEXT,
     OTHER_QUANTITY,
     UNITS,
@@ -383,6 +384,8 @@ def _stated_number(
         return None
     if OTHER_QUANTITY.fullmatch(match["following"]):
         return None
+    if quantity.field == "pressure_bar" and _is_absolute(match):
+        return None
     named = _unit_beside(quantity, match)
     unit: str | None = quantity.usual_unit
     if not named and quantity.field in ("force_N", "pressure_bar") and _is_in_title(match):
@@ -397,6 +400,15 @@ def _stated_number(
     if quantity.field in _FIELDS_OF_ONE_NUMBER and _lists_numbers(match, quantity.units):
         return LineStatement(math.nan, named, line, _LIST_OF_NUMBERS)
     return LineStatement(value * quantity.units[unit], named, line)
+
+
+def _is_absolute(match: re.Match[str]) -> bool:
+    """Return whether a line says that a pressure is absolute, as in ``Pressure: 2 bar abs``.
+
+    ``match`` is the match of the regular expression for the pressure, its number and its unit.
+    """
+    behind = re.split(r"[;,|\t]", match.string[match.end() :])[0]
+    return ABSOLUTE_PRESSURE.search(_words_before_number(match) + match[0] + behind) is not None
 
 
 def _is_no_start(quantity: _Quantity, value: float) -> bool:

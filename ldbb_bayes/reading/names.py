@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT, may_be_thousands, number_in_text
 from ldbb_bayes.reading.planes import PLANE_OF_SWAPPED, plane_named
-from ldbb_bayes.reading.words import LONGEST_TEXT, UNITS, unit_named
+from ldbb_bayes.reading.words import ABSOLUTE_PRESSURE, LONGEST_TEXT, UNITS, unit_named
 
 __all__ = [
     "LOAD_IN_NAME",
@@ -127,6 +127,8 @@ def load_in_name(names: Sequence[str], key: str = "") -> NamedLoad | None:
         if len(written) != 1 or _AMBIGUOUS_LOAD.search(name):
             continue
         load = written[0]
+        if load.key == "pressure_bar" and ABSOLUTE_PRESSURE.search(name):
+            continue
         is_force = load.key == "force_N"
         if is_force and may_be_thousands(load.key, load.text, load.unit_size):
             continue

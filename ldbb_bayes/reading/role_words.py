@@ -6,6 +6,7 @@ import re
 from functools import cache, lru_cache
 
 from ldbb_bayes.reading.words import (
+    ABSOLUTE_PRESSURE,
     LONGEST_NAME,
     OTHER_QUANTITY,
     ROLES,
@@ -44,13 +45,16 @@ def has_role(name: str, role: str) -> bool:
     the name. Words that begin like a word for time, but mean something else, are ignored for the
     role "time". For the role "test", every word of the name must be a word for a test or a word
     such as "number". For the roles "force" and "pressure", the name must not contain a word such as
-    "maximum", which shows that the column holds another quantity.
+    "maximum", which shows that the column holds another quantity. For the role "pressure", it must
+    not say that the pressure is absolute.
     """
     name_words = re.findall(r"[^\W\d_]+", without_accents(comparable(name[:LONGEST_NAME])))
     role_words = _plain_words(role)
     if role == "time":
         name_words = [word for word in name_words if word not in _NO_TIMES]
     if role in ("force", "pressure") and OTHER_QUANTITY.search(" ".join(name_words)):
+        return False
+    if role == "pressure" and ABSOLUTE_PRESSURE.search(" ".join(name_words)):
         return False
     if role == "test" and not set(name_words) <= {*role_words, *_NUMBERING}:
         return False

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 __all__ = [
+    "ABSOLUTE_PRESSURE",
     "ARE_STATED",
     "LONGEST_NAME",
     "LONGEST_TEXT",
@@ -84,6 +85,10 @@ ROLES: Mapping[str, Sequence[str]] = _role_words()
 # Regular expression for words that name other quantities, such as a maximum or an ambient pressure.
 # These must not be mistaken for the load or the radius of a test.
 OTHER_QUANTITY = re.compile(rf"\b(?:{WORDS['others']['words']})\b", re.IGNORECASE)
+
+
+# Regular expression for words which show that a pressure is absolute, as in "bar abs" or "bar(a)".
+ABSOLUTE_PRESSURE = re.compile(WORDS["others"]["absolute"], re.IGNORECASE)
 
 
 # Regular expression for a word that names a fraction of a unit, such as "tenths".
