@@ -1,0 +1,41 @@
+"""Angles counted from an unnamed start, and signals called inverted, are asked about."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import ldbb_bayes as lb
+from ldbb_bayes.reading.open_question import OpenQuestionError
+
+
+def table(folder: Path, line: str, header: str) -> Path:
+    lines = [line, f"{header},Reading [um]"]
+    for k in range(72):
+        lines.append(f"{5 * k},{0.1 * k:.1f}")
+    path = folder / "300N.csv"
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    "header", ["Relative angle [deg]", "Δ angle [deg]", "Delta theta [deg]", "Relativwinkel [°]"]
+)
+def test_axis_of_relative_angles_is_asked_for(header: str, tmp_path: Path) -> None:
+    with pytest.raises(OpenQuestionError) as caught:
+        lb.import_campaign(table(tmp_path, "Start angle: 180 deg", header))
+    assert caught.value.field == "angle_zero"
+
+
+@pytest.mark.parametrize("line", ["Signal inverted", "Inverted signal", "Output signal: inverted"])
+def test_sign_of_an_inverted_signal_is_asked_for(line: str, tmp_path: Path) -> None:
+    with pytest.raises(OpenQuestionError) as caught:
+        lb.import_campaign(table(tmp_path, line, "Angle [deg]"))
+    assert caught.value.field == "sign"
+
+
+@pytest.mark.parametrize("line", ["Signal not inverted", "Signal inverted: no", "Signal: ok"])
+def test_signal_that_is_not_inverted_keeps_its_sign(line: str, tmp_path: Path) -> None:
+    test = lb.import_campaign(table(tmp_path, line, "Angle [deg]")).campaign.tests[0]
+    assert test.reading_um[70] == 7.0
