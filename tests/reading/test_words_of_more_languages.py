@@ -98,3 +98,26 @@ def test_a_pressure_in_kilograms_per_square_centimetre(unit: str, tmp_path: Path
     for path in (in_line, in_column):
         test = lb.import_campaign(path).campaign.tests[0]
         assert test.pressure_bar == pytest.approx(1.96133)
+
+
+@pytest.mark.parametrize("unit", ["Neugrad", "grades", "gradi centesimali"])
+def test_words_for_gon(unit: str, tmp_path: Path) -> None:
+    rows = [f"{10 * k};{(7 * k) % 11}.25" for k in range(40)]
+    path = tmp_path / "300N.csv"
+    path.write_text("\n".join([f"Angle [{unit}];Reading [um]", *rows, ""]))
+    test = lb.import_campaign(path).campaign.tests[0]
+    assert test.angle_deg[10] == pytest.approx(90.0)
+
+
+@pytest.mark.parametrize("unit", ["micrômetros", "mikrometre"])
+def test_words_for_micrometre(unit: str, tmp_path: Path) -> None:
+    rows = [f"{10 * k};{(7 * k) % 11}.25" for k in range(36)]
+    path = tmp_path / "300N.csv"
+    text = "\n".join([f"Angle [deg];Odchylenie [{unit}]", *rows, ""])
+    path.write_text(text, encoding="utf-8")
+    assert lb.import_campaign(path).campaign.tests[0].reading_um[1] == pytest.approx(7.25)
+
+
+@pytest.mark.parametrize("label", ["平面", "평면", "площина", "sík"])
+def test_words_for_plane(label: str, tmp_path: Path) -> None:
+    assert lb.import_campaign(table(tmp_path, f"{label}: ZX")).campaign.plane == "ZX"
