@@ -380,11 +380,7 @@ def _stated_number(
     line
         Number of the line in its file, or number and sheet as text.
     """
-    if OTHER_QUANTITY.search(_words_before_number(match)):
-        return None
-    if OTHER_QUANTITY.fullmatch(match["following"]):
-        return None
-    if quantity.field == "pressure_bar" and _is_absolute(match):
+    if _is_other_quantity(quantity, match):
         return None
     named = _unit_beside(quantity, match)
     unit: str | None = quantity.usual_unit
@@ -402,13 +398,19 @@ def _stated_number(
     return LineStatement(value * quantity.units[unit], named, line)
 
 
-def _is_absolute(match: re.Match[str]) -> bool:
-    """Return whether a line says that a pressure is absolute, as in ``Pressure: 2 bar abs``.
+def _is_other_quantity(quantity: _Quantity, match: re.Match[str]) -> bool:
+    """Return whether the words around a number show that it is not that of the quantity.
 
-    ``match`` is the match of the regular expression for the pressure, its number and its unit.
+    An example is a maximum, or an absolute pressure, as in ``Pressure: 2 bar abs``. ``match`` is
+    the match of the regular expression for the quantity, its number and its unit.
     """
+    words_before = _words_before_number(match)
+    if OTHER_QUANTITY.search(words_before) or OTHER_QUANTITY.fullmatch(match["following"]):
+        return True
+    if quantity.field != "pressure_bar":
+        return False
     behind = re.split(r"[;,|\t]", match.string[match.end() :])[0]
-    return ABSOLUTE_PRESSURE.search(_words_before_number(match) + match[0] + behind) is not None
+    return ABSOLUTE_PRESSURE.search(words_before + match[0] + behind) is not None
 
 
 def _is_no_start(quantity: _Quantity, value: float) -> bool:
