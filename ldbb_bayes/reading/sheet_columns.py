@@ -65,11 +65,8 @@ NOT_SHARED = ("test", "direction", "reading")
 # Fields of a test that a column of the table may also state, with the same value in all rows of the
 # test.
 _FIELDS_OF_COLUMNS = ("radius_mm", "feed_mm_per_min", "start_deg", "overshoot_deg")
-# What a cell is whose number format shows another number than is stored.
-_SHOWN_OTHERWISE = {
-    PERCENT: "a cell in percent, which is stored divided by 100",
-    THOUSANDS: "a cell that is shown in thousands",
-}
+# Number formats that show another number than is stored.
+_SHOWN_OTHERWISE = (PERCENT, THOUSANDS)
 # Headers of columns that state conditions of a test without a role.
 _CONDITIONS = ("plane", "radius_mm")
 
@@ -447,12 +444,12 @@ def _check_shown_numbers(
     """
     for line in lines:
         for column in columns:
-            kind = _SHOWN_OTHERWISE.get(sheet.format_units.get((line, column), ""))
-            if kind is not None:
+            if sheet.format_units.get((line, column)) in _SHOWN_OTHERWISE:
                 name = heading.headers[column][:LONGEST_NAME] or column + 1
                 raise InputError(
                     f"{sheet.place}, line {line}: column {name!r} must hold numbers in its unit,"
-                    f" got {kind}. Format the column as number, and see that the numbers are right."
+                    " got a cell shown in percent or in thousands. Format the column as number, and"
+                    " see that the numbers are right."
                 )
 
 

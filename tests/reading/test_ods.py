@@ -196,7 +196,9 @@ def test_column_in_percent_is_asked_about(tmp_path, column):
         cells[column] = cells[column].replace('"float"', '"percentage"')
         rows.append(row(*cells.values()))
     path = workbook(tmp_path, rows)
-    with pytest.raises(lb.errors.InputError, match=r"line 2: column .* got a cell in percent"):
+    with pytest.raises(
+        lb.errors.InputError, match=r"line 2: column .* got a cell shown in percent"
+    ):
         lb.import_campaign(path)
 
 
