@@ -7,7 +7,7 @@ import numpy as np
 from scipy import stats
 
 from ldbb_bayes.inference.conditional_sampling import draw_parameters_given
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 
 # The proposal is a Student t this many times as wide as the posterior at its mode.
 _WIDTH = 1.3

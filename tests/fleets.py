@@ -15,7 +15,7 @@ from scipy.stats import multivariate_normal
 
 from ldbb_bayes.fleet.campaign_statistics import SufficientStatistics, sufficient_statistics
 from ldbb_bayes.fleet.fleet_statistics import FleetStatistics
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.report.wording import trend_sentences, with_words

@@ -34,8 +34,9 @@ from ldbb_bayes.inference.evidence import log_prob_truncation, probabilities, re
 from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.fit import Concern, ConcernKind
 from ldbb_bayes.inference.fit_assessment import assess_fit
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.inference.mcmc import StoppingRule, assess
-from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
+from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.inference.posterior import build_tree
 from ldbb_bayes.inference.record import densities_of, groups_of, prior_draws_of, record_from
 from ldbb_bayes.inference.truncation_factor import ProbabilityInside

@@ -23,7 +23,7 @@ from pydantic import model_serializer
 from ldbb_bayes.analysis.rank_uniformity import ecdf, simultaneous_band
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError, check_probability, check_seed, require, require_whole
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.inference.sample import check_sampler, draw
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, require_model
 from ldbb_bayes.model.hyper_prior import HyperPrior

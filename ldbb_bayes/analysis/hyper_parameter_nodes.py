@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array
 

@@ -24,8 +24,9 @@ from ldbb_bayes.campaign.campaign import Campaign, distinct_forces
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import InputError, check_probability
 from ldbb_bayes.inference.evidence import check_comparable
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.inference.least_squares import fit_least_squares
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.nodes import compute_nodes
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import readable
@@ -111,7 +112,7 @@ def local_fits(
         # The search for the mode of the posterior starts from the mode of the previous pair.
         posterior = HyperPosterior(bound, truncated=bound.truncation.active, near=previous_mode)
         previous_mode = posterior.without_truncation.mode
-        nodes = posterior.nodes(_TOLERANCE)
+        nodes = compute_nodes(posterior, _TOLERANCE)
         mean, sd = nodes.moments(spare=_SPARE, points=_POINTS_INSIDE, components=_MOMENT_NODES)
         low, high = nodes.quantiles(levels, seed=seed, components=_COMPONENTS)
         # The least-squares fit must have the same parameters for every pair of force levels. All

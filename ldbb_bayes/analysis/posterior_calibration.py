@@ -38,7 +38,7 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.run_times import with_listed_times
 from ldbb_bayes.errors import InputError, check_probability, check_seed, require
 from ldbb_bayes.inference.coefficients import ModelDraws
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.inference.posterior import bound_of, draws_of, record_of
 from ldbb_bayes.inference.prediction import new_circles
 from ldbb_bayes.inference.sample import draw

@@ -32,8 +32,8 @@ from ldbb_bayes.errors import InputError, check_known, plain_reason
 from ldbb_bayes.fleet.campaign_statistics import sufficient_statistics
 from ldbb_bayes.fleet.dataset import PARAMETER_COLUMNS
 from ldbb_bayes.fleet.linear_or_constant import linear_over_constant
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.inference.mcmc import StoppingRule
-from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.sample import FittedModel, fit_model
 from ldbb_bayes.inference.summary import interval_numbers
 from ldbb_bayes.model.hybrid import HybridModel

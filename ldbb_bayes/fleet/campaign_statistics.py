@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.terms import Columns, JointLoad, Position, Term
 from ldbb_bayes.parallel import one_blas_thread

@@ -13,7 +13,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ldbb_bayes.inference.evidence import log_evidence
-from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
+from ldbb_bayes.inference.nodes import Nodes, compute_nodes
 from ldbb_bayes.inference.related_models import RelatedModels
 from ldbb_bayes.inference.truncation_factor import ProbabilityInside
 
@@ -49,7 +50,7 @@ def linear_over_constant(density: HyperPosterior, *, tolerance: float) -> Eviden
     model = density.bound.model
     without_truncation = density.without_truncation
     nodes = Nodes(without_truncation, without_truncation.weighted_sample)
-    if model.degree != 1 or not nodes.meet(tolerance):
+    if model.degree != 1 or not nodes.meets(tolerance):
         campaign = density.bound.campaign
         of_linear = log_evidence(model.with_degree(1), campaign, tolerance=tolerance)
         of_constant = log_evidence(model.with_degree(0), campaign, tolerance=tolerance)
@@ -95,7 +96,7 @@ def _log_evidence_from(
     if posterior_probability is None or posterior_probability.error > tolerance:
         posterior_probability = truncated.probability_inside(nodes.integral, tolerance)
     if posterior_probability.error > tolerance:
-        evidence = truncated.nodes(tolerance).evidence
+        evidence = compute_nodes(truncated, tolerance).evidence
         return _LogEvidence(evidence.log_value, evidence.error)
     log_prior_probability, prior_error = bound.truncation_prior
     return _LogEvidence(

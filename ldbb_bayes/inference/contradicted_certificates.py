@@ -16,7 +16,8 @@ import numpy as np
 from scipy.special import logsumexp
 
 from ldbb_bayes.campaign.certified_instrument import Ball
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
+from ldbb_bayes.inference.nodes import compute_nodes
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array
 
@@ -157,4 +158,4 @@ def _log_mean_ratio(certified: BoundModel, bound: BoundModel, weight: Array, phi
 
 def _log_evidence(bound: BoundModel) -> float:
     """Return the log evidence of a campaign's model in which compliances may be negative [nat]."""
-    return HyperPosterior(bound, truncated=False).nodes(_TOLERANCE).evidence.log_value
+    return compute_nodes(HyperPosterior(bound, truncated=False), _TOLERANCE).evidence.log_value

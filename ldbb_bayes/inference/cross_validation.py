@@ -18,8 +18,9 @@ import xarray as xr
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.coefficients import evenly_spaced, new_circle_coefficients
 from ldbb_bayes.inference.diagnostics import pareto_smooth
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.inference.integrals import in_chunks
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.nodes import compute_nodes
 from ldbb_bayes.inference.posterior import draws_of, model_draws_of, record_of
 from ldbb_bayes.inference.prediction import predict_left_out, readings_drawn
 from ldbb_bayes.model.hybrid import BoundModel
@@ -306,7 +307,7 @@ def _exact_log_evidence(bound: BoundModel) -> float:
     integrated out. ``bound`` is the model of the campaign.
     """
     posterior = HyperPosterior(bound, truncated=bound.truncation.active)
-    return posterior.nodes(_TOLERANCE).evidence.log_value
+    return compute_nodes(posterior, _TOLERANCE).evidence.log_value
 
 
 def _log_evidence(bound: BoundModel, phi: Array) -> Array:

@@ -95,7 +95,10 @@ class LogValues(NamedTuple):
 
 
 class RatioIntegral(NamedTuple):
-    """Integral of a density, computed with the nodes (weighted points) of a similar density."""
+    """Integral of a density, computed with the nodes (weighted points) of a similar density.
+
+    The similar density may be the density itself. The values at its nodes then have no error.
+    """
 
     integral: Integral  #: integral of a density, with its nodes (weighted points)
     #: numerical error of the log density to be integrated, averaged over the weighted nodes
@@ -106,6 +109,18 @@ class RatioIntegral(NamedTuple):
     def error(self) -> float:
         """Error of the log integral of a density, including errors of the density itself [nat]."""
         return self.integral.error + self.value_error
+
+    def meets(self, tolerance: float) -> bool:
+        """Return whether the error of the log integral is small enough for the tolerance [nat].
+
+        The error has two parts: the error of the integral over the nodes, and that of the density
+        at the nodes. In general, the sum of the two parts must not exceed the tolerance. If the
+        second part alone is half the tolerance or more, more nodes would hardly reduce the sum. In
+        this case, only the error of the integral is compared with the tolerance.
+        """
+        if self.value_error >= tolerance / 2.0:
+            return self.integral.error <= tolerance
+        return self.integral.error <= tolerance - self.value_error
 
     @property
     def least_error(self) -> float:

@@ -16,8 +16,9 @@ import numpy as np
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.evidence_value import Evidence
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.inference.integrals import LARGEST_PARETO_K
-from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
+from ldbb_bayes.inference.nodes import Nodes, compute_nodes
 from ldbb_bayes.inference.truncation_factor import ProbabilityInside
 from ldbb_bayes.model.hybrid import HybridModel, require_model
 from ldbb_bayes.parallel import one_blas_thread
@@ -98,7 +99,7 @@ def log_evidence(model: HybridModel, campaign: Campaign, *, tolerance: float = 1
         f"tolerance must be a positive number of nats, got {tolerance}. For example 1e-3.",
     )
     bound = model.bind(campaign)
-    nodes = HyperPosterior(bound, truncated=bound.truncation.active).nodes(tolerance)
+    nodes = compute_nodes(HyperPosterior(bound, truncated=bound.truncation.active), tolerance)
     warn_of_untrusted_weights(nodes)
     return nodes.evidence
 
@@ -223,8 +224,8 @@ def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> P
         coarse = truncated.coarse_probability
         if coarse.error <= tolerance and coarse.log_value > _LEAST_COARSE_LOG_PROBABILITY:
             return ProbabilityInside(min(coarse.log_value, 0.0), coarse.error)
-    untruncated = truncated.without_truncation.nodes(tolerance)
-    inside = truncated.nodes(tolerance)
+    untruncated = compute_nodes(truncated.without_truncation, tolerance)
+    inside = compute_nodes(truncated, tolerance)
     error = inside.error + untruncated.error
     log_value = inside.integral.log_integral - untruncated.integral.log_integral
     require(

@@ -21,7 +21,8 @@ from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.evidence import check_comparable
 from ldbb_bayes.inference.evidence_value import Evidence
-from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
+from ldbb_bayes.inference.nodes import Nodes, compute_nodes
 from ldbb_bayes.inference.nodes_without_test import NodesWithoutTest
 from ldbb_bayes.inference.related_models import RelatedModels
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
@@ -277,7 +278,7 @@ class Evidences(Shown):
         if key not in self._related_models:
             untruncated = self.posterior(model).without_truncation
             self._related_models[key] = RelatedModels(
-                untruncated.nodes(self.tolerance), self.tolerance
+                compute_nodes(untruncated, self.tolerance), self.tolerance
             )
             self._modes.setdefault(untruncated.bound.hyper_prior.names, untruncated.mode)
         return self._related_models[key]

@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ldbb_bayes.inference.conditional_sampling import draw_parameters_given
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.inference.integrals import Index, Integral
-from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.conditional import ParameterConditional
 from ldbb_bayes.results import Array
 

@@ -23,8 +23,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ldbb_bayes.inference.density_ratio import LogValues, RatioSampler
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.inference.integrals import Index, Integral
-from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
+from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.inference.related_models import log_density_with_error
 from ldbb_bayes.results import Array
 

@@ -15,8 +15,9 @@ from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import check_probability, check_seed, require
 from ldbb_bayes.inference.evidence import warn_of_untrusted_weights
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.inference.independent_sampler import TooRoughError, draw_jointly
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.nodes import compute_nodes
 from ldbb_bayes.model.hybrid import HybridModel, require_model
 from ldbb_bayes.model.mixtures import mixture_moments
 from ldbb_bayes.parallel import one_blas_thread
@@ -101,7 +102,7 @@ def marginalize(
     )
     bound = model.bind(campaign)
     posterior = HyperPosterior(bound, truncated=bound.truncation.active, seed=seed)
-    nodes = posterior.nodes(tolerance)
+    nodes = compute_nodes(posterior, tolerance)
     warn_of_untrusted_weights(nodes)
     levels = np.array([0.5, 0.5 - 0.5 * prob, 0.5 + 0.5 * prob])
     phi = bound.hyper_prior.phi(nodes.integral.free)

@@ -15,9 +15,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ldbb_bayes.inference.density_ratio import LogValues, RatioSampler
+from ldbb_bayes.inference.density_ratio import LogValues, RatioIntegral, RatioSampler
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.inference.integrals import Index, in_chunks
-from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
+from ldbb_bayes.inference.nodes import Nodes, compute_nodes
 from ldbb_bayes.inference.truncation_factor import common_error_allowed
 from ldbb_bayes.results import Array
 
@@ -97,7 +98,7 @@ class RelatedModels:
         tolerance that the model is negligible. The second value is true in this case.
         """
         if posterior.bound.hyper_prior.names != self._names:
-            return posterior.nodes(self._tolerance), False
+            return compute_nodes(posterior, self._tolerance), False
         nodes = self._nodes_from_sample(posterior, self._ratios)
         if nodes is None and self._may_be_refined:
             self._refine()
@@ -111,11 +112,11 @@ class RelatedModels:
                 nodes = self._nodes_from_sample(posterior, ratios)
                 if nodes is not None and nodes.evidence.log_value + nodes.error <= below:
                     return nodes, True
-        nodes = self._nodes_from_all_values(posterior)
-        if nodes.meet(self._tolerance):
-            return nodes, False
-        nodes = posterior.nodes(self._tolerance)
-        untruncated = posterior.without_truncation.nodes(self._tolerance)
+        weighted = self._integral_from_all_values(posterior)
+        if weighted.meets(self._tolerance):
+            return Nodes(posterior, weighted.integral, weighted.value_error), False
+        nodes = compute_nodes(posterior, self._tolerance)
+        untruncated = compute_nodes(posterior.without_truncation, self._tolerance)
         self._further_ratios.append(RatioSampler(untruncated.integral))
         return nodes, False
 
@@ -138,7 +139,7 @@ class RelatedModels:
         it is nearly as large as the tolerance, new nodes would have to be computed for most of the
         related models. Finer nodes of the given model, computed once, are enough for most of them.
         """
-        finer = self._untruncated.posterior.nodes(_FINER * self._tolerance)
+        finer = compute_nodes(self._untruncated.posterior, _FINER * self._tolerance)
         self._untruncated = finer
         self._ratios = RatioSampler(finer.integral)
         self._may_be_refined = False
@@ -162,8 +163,8 @@ class RelatedModels:
             return None
         return Nodes(posterior, sampled.integral, sampled.value_error)
 
-    def _nodes_from_all_values(self, posterior: HyperPosterior) -> Nodes:
-        """Return the nodes of the given model, with new weights for the posterior of another model.
+    def _integral_from_all_values(self, posterior: HyperPosterior) -> RatioIntegral:
+        """Return the integral of the posterior of another model, with nodes of the given model.
 
         ``posterior`` is the posterior density of the hyper-parameters under the other model. It is
         evaluated at every node; the new weights are computed from its values.
@@ -175,7 +176,7 @@ class RelatedModels:
         )
         if posterior.truncated:
             return posterior.truncate(untruncated, self._tolerance)
-        return Nodes(posterior, untruncated)
+        return RatioIntegral(untruncated, 0.0)
 
 
 def log_density_with_error(posterior: HyperPosterior, free: Array, tolerance: float) -> LogValues:

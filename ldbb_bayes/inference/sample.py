@@ -23,9 +23,9 @@ from ldbb_bayes.inference.density import JointDensity, LinearRedraw, starting_po
 from ldbb_bayes.inference.evidence import log_prob_truncation
 from ldbb_bayes.inference.fit import Concern, ConcernKind, Fit
 from ldbb_bayes.inference.fit_assessment import assess_fit
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.inference.independent_sampler import TooRoughError, draw_jointly
 from ldbb_bayes.inference.mcmc import EnsembleRun, Progress, StoppingRule, assess, run_ensembles
-from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import build_tree
 from ldbb_bayes.inference.record import densities_of, groups_of, prior_draws_of, record_from
 from ldbb_bayes.model.hybrid import HybridModel, require_model

@@ -17,7 +17,7 @@ import numpy as np
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.calibration import LOG_LIKELIHOOD
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.inference.sample import draw
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.linearisation import (

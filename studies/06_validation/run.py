@@ -20,7 +20,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
+from ldbb_bayes.inference.nodes import compute_nodes
 from ldbb_bayes.model.fourier import basis
 
 HERE = Path(__file__).resolve().parent
@@ -308,7 +309,7 @@ def seven_circles(kind: str, seed: int) -> dict[str, float]:
         campaign = with_odd_circle(campaign, angle_deg, rng)
     row: dict[str, float] = {}
     for name, model in (("with", THIRD), ("without", without_scale)):
-        nodes = HyperPosterior(model.bind(campaign), truncated=True).nodes(TOLERANCE)
+        nodes = compute_nodes(HyperPosterior(model.bind(campaign), truncated=True), TOLERANCE)
         _, sd = nodes.moments()
         low, high = nodes.quantiles(LEVELS, seed=1, components=COMPONENTS)
         for parameter in compliances:

@@ -21,7 +21,7 @@ import pandas as pd
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.placed_circles import placed_circles
 from ldbb_bayes.fleet.campaign_statistics import sufficient_statistics
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.model.terms import ForceError, Mount
 
 __all__ = [

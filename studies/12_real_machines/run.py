@@ -26,7 +26,8 @@ from ldbb_bayes.inference.checks import check_predictions
 from ldbb_bayes.inference.effects_of_failures import effects_of_failures
 from ldbb_bayes.inference.elastic_deflections import compliance_curves
 from ldbb_bayes.inference.fit import Fit
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
+from ldbb_bayes.inference.nodes import compute_nodes
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.hybrid import BoundModel
 
@@ -124,7 +125,7 @@ def analysed(model: lb.HybridModel, campaign: lb.Campaign, machine: Machine, see
     of C(F) without verdicts; of the result whether it says misfit, and that the centre shifts with
     force."""
     bound = model.bind(campaign)
-    nodes = HyperPosterior(bound, truncated=True).nodes(TOLERANCE)
+    nodes = compute_nodes(HyperPosterior(bound, truncated=True), TOLERANCE)
     mean, sd = nodes.moments()
     beta, phi = nodes.draw(DRAWS, np.random.default_rng(seed))
     low, high = np.quantile(beta, LEVELS, axis=0)
@@ -190,7 +191,7 @@ def certificates_foretold(campaign: lb.Campaign) -> Row:
 
 def standard_uncertainties(bound: BoundModel, *, truncated: bool) -> Array:
     """u of every parameter, shape (p,)."""
-    return HyperPosterior(bound, truncated=truncated).nodes(TOLERANCE).moments()[1]
+    return compute_nodes(HyperPosterior(bound, truncated=truncated), TOLERANCE).moments()[1]
 
 
 def of_family(rows: pd.DataFrame) -> dict[str, Any]:

@@ -19,7 +19,8 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.hyper_parameter_nodes import hyper_parameter_nodes
 from ldbb_bayes.analysis.verdicts import judge_parameters
 from ldbb_bayes.inference.elastic_deflections import compliance_curves
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
+from ldbb_bayes.inference.nodes import compute_nodes
 from ldbb_bayes.model.bound_information import information_of
 
 __all__ = ["holders_of_mild", "shortfalls"]
@@ -99,7 +100,7 @@ def judged_campaign(
 ) -> Row:
     """Error and intervals of every number asked."""
     bound = model.bind(campaign)
-    nodes = HyperPosterior(bound, truncated=True).nodes(TOLERANCE)
+    nodes = compute_nodes(HyperPosterior(bound, truncated=True), TOLERANCE)
     mean, sd = nodes.moments()
     beta, phi = nodes.draw(DRAWS, np.random.default_rng(seed))
     row: Row = {}

@@ -18,7 +18,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
+from ldbb_bayes.inference.nodes import compute_nodes
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
@@ -84,7 +85,7 @@ def plan_in_blocks(pilot: lb.Campaign, rng: np.random.Generator) -> lb.Plan:
 def probability_below(campaign: lb.Campaign, limit: float, seed: int) -> float:
     """Posterior probability that C_XXX is at most ``limit`` [mm/N]."""
     bound = MODEL.bind(campaign)
-    nodes = HyperPosterior(bound, truncated=True).nodes(TOLERANCE)
+    nodes = compute_nodes(HyperPosterior(bound, truncated=True), TOLERANCE)
     beta, _ = nodes.draw(DRAWS, np.random.default_rng(seed))
     return float((beta[:, bound.names.index("C_XXX")] <= limit).mean())
 

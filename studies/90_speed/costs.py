@@ -22,8 +22,9 @@ from setting import (
 )
 
 import ldbb_bayes as lb
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.inference.integrals import CHUNK
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.nodes import compute_nodes
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.reduction import reduce_readings
 
@@ -52,7 +53,7 @@ def kernel_works(campaign: lb.Campaign, rng: np.random.Generator) -> Works:
     """The operations of the kernel on draws of φ."""
     bound = MODEL.bind(campaign)
     posterior = HyperPosterior(bound, truncated=False)
-    phi = bound.hyper_prior.phi(posterior.nodes().integral.resample(CHUNK, rng))
+    phi = bound.hyper_prior.phi(compute_nodes(posterior).integral.resample(CHUNK, rng))
     _, conditional = bound.given(phi)
     beta = conditional.draw(rng)
     return {

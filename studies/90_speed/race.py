@@ -25,7 +25,7 @@ from setting import (
 )
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.inference.sample import run_sampler
 from ldbb_bayes.model.hybrid import BoundModel
 

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 import ldbb_bayes as lb
 from ldbb_bayes.inference.evidences import Evidences
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.inference.integrals import Integral
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.nodes import compute_nodes
 
 sys.path[:0] = [str(Path(__file__).resolve().parent)]
 from timed_campaigns import ALL_PLANES, FRAMES_MM
@@ -138,11 +139,11 @@ def reference(model: lb.HybridModel, campaign: lb.Campaign, finer: float) -> flo
     """
     bound = model.bind(campaign)
     posterior = HyperPosterior(bound, truncated=bound.truncation.active, seed=1)
-    fine = posterior.without_truncation.nodes(finer).integral
+    fine = compute_nodes(posterior.without_truncation, finer).integral
     if posterior.truncated:
         fine = _truncated(posterior, fine, finer)
         if _effective_nodes(fine) < FEWEST_NODES:
-            fine = posterior.nodes(finer).integral
+            fine = compute_nodes(posterior, finer).integral
     return float(fine.log_integral - bound.log_prob_truncation_prior)
 
 

@@ -17,8 +17,9 @@ import numpy as np
 from scipy.linalg import lapack
 
 import ldbb_bayes as lb
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.inference.integrals import CHUNK
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.nodes import compute_nodes
 from ldbb_bayes.model.fourier import SIZE
 from ldbb_bayes.model.hybrid import BoundModel
 
@@ -158,7 +159,7 @@ def _densities(bound: BoundModel, rounds: int) -> dict[str, float]:
     """Return median CPU µs of densities at one value of φ, computed in stacks of many."""
     prior = bound.hyper_prior
     rng = np.random.default_rng(1)
-    nodes = HyperPosterior(bound, truncated=False).nodes(TOLERANCE)
+    nodes = compute_nodes(HyperPosterior(bound, truncated=False), TOLERANCE)
     phi = prior.phi(nodes.integral.resample(CHUNK, rng))
     size = SIZE * len(bound.reduced)
     covariance = np.asfortranarray(np.eye(size) + 0.5 / size)

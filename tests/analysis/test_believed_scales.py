@@ -16,7 +16,8 @@ from ldbb_bayes.analysis.design.believed_scales import (
 )
 from ldbb_bayes.analysis.design.simulated_analyses import simulate_analyses
 from ldbb_bayes.analysis.design.states import extend_hyper_parameters
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
+from ldbb_bayes.inference.nodes import compute_nodes
 from tests.campaigns import oracle_of, plan, simulated
 
 FIRST = lb.HybridModel.first(1)
@@ -163,7 +164,7 @@ def test_what_circles_run_so_far_show_counts_in_the_belief_about_scales() -> Non
 
     assert plan.pilot is not None
     posterior = HyperPosterior(model.bind(plan.pilot), truncated=True)
-    free = posterior.nodes(0.1).integral.resample(512, np.random.default_rng(1))
+    free = compute_nodes(posterior, 0.1).integral.resample(512, np.random.default_rng(1))
     phi = extend_hyper_parameters(bound, posterior.bound.hyper_prior.phi(free), len(pilot.tests))
     exact = (bound.given(phi)[1].sd[:, column] ** 2).mean()
     np.testing.assert_allclose(np.sqrt(believed), np.sqrt(exact), rtol=0.15)

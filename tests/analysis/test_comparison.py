@@ -23,7 +23,8 @@ from ldbb_bayes.analysis.model_comparison import interpolate_crossings
 from ldbb_bayes.analysis.rival_explanations import Explained, Explanations
 from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, Assumed
 from ldbb_bayes.inference.evidences import Evidences
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
+from ldbb_bayes.inference.nodes import compute_nodes
 from ldbb_bayes.inference.posterior import fit_of
 from ldbb_bayes.model.terms import SetupShift
 from ldbb_bayes.parallel import process_executor
@@ -189,9 +190,9 @@ def test_leave_one_force_out(comparison: Comparison) -> None:
 def test_density_of_a_test_left_out(comparison: Comparison, name: str) -> None:
     """ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r)."""
     bound = PAIR[name].bind(CAMPAIGN)
-    all_tests = HyperPosterior(bound, truncated=True).nodes(0.1)
+    all_tests = compute_nodes(HyperPosterior(bound, truncated=True), 0.1)
     remaining = bound.keeping(["f300", "f520", "f742"])
-    without_first = HyperPosterior(remaining, truncated=True).nodes(0.1)
+    without_first = compute_nodes(HyperPosterior(remaining, truncated=True), 0.1)
     expected = all_tests.evidence.log_value - without_first.evidence.log_value
     density = comparison.tests["f036"].lofo_log_density[name]
     assert density == pytest.approx(expected, abs=0.01)

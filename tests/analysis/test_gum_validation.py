@@ -11,8 +11,9 @@ from scipy.stats import t as student
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.gum_validation import agreeing_digits, numerical_tolerance, validate_gum
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.inference.marginal_mixtures import MarginalMixtures, marginal_mixtures
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.nodes import compute_nodes
 from ldbb_bayes.inference.posterior import bound_of
 
 TAILS = np.array([0.025, 0.975])
@@ -79,7 +80,7 @@ def posterior(recovered: lb.Campaign) -> xr.DataTree:
 def test_mixtures_have_the_quantiles_of_the_nodes(posterior: xr.DataTree) -> None:
     bound = bound_of(posterior)
     mixtures = marginal_mixtures(posterior)
-    nodes = HyperPosterior(bound, truncated=True).nodes(1e-2)
+    nodes = compute_nodes(HyperPosterior(bound, truncated=True), 1e-2)
     expected = nodes.quantiles(TAILS, seed=1, components=16_384)
     sd = mixtures.beta.std(axis=0)
     allowed = 4.0 * mixtures.quantile_errors(TAILS) + 0.03 * sd

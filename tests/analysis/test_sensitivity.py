@@ -24,7 +24,8 @@ from ldbb_bayes.analysis.sensitivity import WHITE_NOISE
 from ldbb_bayes.analysis.varying_slopes import SlopeSubset
 from ldbb_bayes.inference.evidence import probabilities
 from ldbb_bayes.inference.evidences import Evidences
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
+from ldbb_bayes.inference.nodes import compute_nodes
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.terms import Discrepancy, ForceError, Mount, SetupShift
 from ldbb_bayes.report.wording import comparison_sentences, with_words
@@ -240,7 +241,7 @@ def test_averaged_compliance(selection: Selection) -> None:
     expected = np.zeros(2)
     for names, subset in selection.subsets.items():
         bound = with_slopes(names).bind(CAMPAIGN)
-        moments = HyperPosterior(bound, truncated=True).nodes(1e-2).moments()
+        moments = compute_nodes(HyperPosterior(bound, truncated=True), 1e-2).moments()
         mean = dict(zip(bound.names, moments[0], strict=True))
         slope = mean.get("C_XYX_1", 0.0)
         expected += subset.probability * (mean["C_XYX"] + slope * np.array([-353.0, 353.0]))

@@ -16,7 +16,8 @@ from ldbb_bayes.analysis.value_of_certificates import (
     uncertainty_with,
     worth_of_certificates,
 )
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
+from ldbb_bayes.inference.nodes import compute_nodes
 
 MODEL = lb.HybridModel.first(1).without("truncation")
 CAMPAIGN = simulated(plan())
@@ -79,7 +80,7 @@ def test_uncertainties_are_those_of_a_certified_campaign(
     certificate: str, campaign: lb.Campaign
 ) -> None:
     expected = lb.identify(MODEL, CAMPAIGN).certificates[certificate]
-    sd = HyperPosterior(MODEL.bind(campaign), truncated=False).nodes(0.1).moments()[1]
+    sd = compute_nodes(HyperPosterior(MODEL.bind(campaign), truncated=False), 0.1).moments()[1]
     np.testing.assert_allclose(list(expected.values()), sd, rtol=0.02)
 
 

@@ -13,9 +13,9 @@ from scipy.optimize import minimize_scalar
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.workflow import Workflow, check_workflow, stacking_weights
 from ldbb_bayes.inference import sample as sample_module
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.inference.independent_sampler import JointDraws, draw_jointly
 from ldbb_bayes.inference.mcmc import StoppingRule
-from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import fit_of, record_of
 from ldbb_bayes.inference.prior_prediction import prior_circles
 from ldbb_bayes.report import wording

@@ -18,7 +18,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis import outlying_tests
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.cli import app, output
-from ldbb_bayes.inference import nodes
+from ldbb_bayes.inference import hyper_posterior
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.results import Table, lines_of
 
@@ -98,7 +98,7 @@ def printed(
         undrawn(patch)
         patch.setattr(lb.figures, "save_figure", always(None))
         patch.setattr(outlying_tests, "_REPLICATES", 4000)
-        patch.setattr(nodes, "_COARSE_TOLERANCE", 1.0)
+        patch.setattr(hyper_posterior, "_COARSE_TOLERANCE", 1.0)
         Path("c").symlink_to(folder)
         Path("p").symlink_to(planned)
         rows = drawn_rows(6, np.random.default_rng(1), step_at=4)

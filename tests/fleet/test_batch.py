@@ -31,7 +31,7 @@ from ldbb_bayes.fleet.campaign_row import Job, Settings, fit_row
 from ldbb_bayes.fleet.campaign_statistics import sufficient_statistics
 from ldbb_bayes.fleet.fleet_statistics import fleet_statistics
 from ldbb_bayes.fleet.gathering import find_passed_over, gather
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.parallel import WorkerDiedError
 from ldbb_bayes.report.fit_record import full_result

@@ -9,7 +9,8 @@ from campaigns import plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.fleet.linear_or_constant import linear_over_constant
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
+from ldbb_bayes.inference.nodes import compute_nodes
 
 TOLERANCE = 0.05
 
@@ -49,6 +50,7 @@ def test_the_probability_of_truncation_is_that_of_the_integrals() -> None:
     density = HyperPosterior(LINEAR.bind(campaign_of_three()), truncated=True)
     coarse = density.probability_inside(density.without_truncation.weighted_sample, 0.02)
     integrals = [
-        nodes.nodes(1e-3).integral.log_integral for nodes in (density, density.without_truncation)
+        compute_nodes(nodes, 1e-3).integral.log_integral
+        for nodes in (density, density.without_truncation)
     ]
     assert np.isclose(coarse.log_value, integrals[0] - integrals[1], atol=coarse.error + 2e-3)

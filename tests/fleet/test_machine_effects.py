@@ -27,7 +27,7 @@ from ldbb_bayes.fleet.machine_effects import (
 )
 from ldbb_bayes.fleet.selection import CaveatKind
 from ldbb_bayes.fleet.spread_density import machine_likelihoods
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.model.gaussian import Gaussian
 
 MODEL = lb.HybridModel.default(degree=1).without("truncation")

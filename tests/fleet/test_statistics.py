@@ -23,7 +23,7 @@ from ldbb_bayes.fleet.common_priors import reference_sd
 from ldbb_bayes.fleet.fleet_statistics import FleetStatistics, fleet_statistics
 from ldbb_bayes.fleet.selection import Caveat, CaveatKind, choose
 from ldbb_bayes.inference.force_curves import draws_at
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.report.wording import caveat_words

@@ -19,8 +19,9 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.evidence import log_prob_truncation
 from ldbb_bayes.inference.evidence_value import Evidence
 from ldbb_bayes.inference.evidences import Evidences, leave_one_out
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.inference.mcmc import StoppingRule
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.nodes import compute_nodes
 from ldbb_bayes.inference.prediction import replicate_left_out
 from ldbb_bayes.inference.residuals import matrix_to_harmonics
 from ldbb_bayes.model.hybrid import BoundModel
@@ -103,8 +104,8 @@ def test_the_stated_error_holds(degree: int, planned: lb.Campaign) -> None:
     """A loose tolerance against a tight one, arcs and clockings, all four hyper-parameters."""
     bound = lb.HybridModel.first(degree).bind(simulated(planned, seed=degree))
     plain = HyperPosterior(bound, truncated=False)
-    loose = plain.nodes(3e-2).evidence
-    tight = plain.nodes(1e-3).evidence
+    loose = compute_nodes(plain, 3e-2).evidence
+    tight = compute_nodes(plain, 1e-3).evidence
     assert loose.error <= 3e-2
     assert abs(loose.log_value - tight.log_value) <= loose.error
     assert tight.nodes > loose.nodes
@@ -133,7 +134,7 @@ def test_the_seed_moves_a_truncated_evidence_by_no_more_than_its_error(
     log_values = []
     errors = []
     for seed in range(6):
-        nodes = HyperPosterior(bound, truncated=True, seed=seed, near=near).nodes(3e-2)
+        nodes = compute_nodes(HyperPosterior(bound, truncated=True, seed=seed, near=near), 3e-2)
         log_values.append(nodes.evidence.log_value)
         errors.append(nodes.error - nodes.integral.error)
     scatter = np.std(log_values, ddof=1)
@@ -250,14 +251,14 @@ def test_models_from_the_nodes_of_the_largest(truncated: bool) -> None:
         assert nodes.integral.free is narrowest.integral.free, nodes.integral.error
     for model, nodes in zip(models, nodes_of_models, strict=True):
         posterior = HyperPosterior(model.bind(UNIFORM), truncated=truncated)
-        evidence = posterior.nodes(4e-3).evidence
+        evidence = compute_nodes(posterior, 4e-3).evidence
         difference = nodes.evidence.log_value - evidence.log_value
         assert abs(difference) < min(nodes.error + evidence.error, 0.02)
 
     left_out = leave_one_out({"constant": constant, "linear": largest})["constant"]
     second_left_out = list(left_out.values())[1]
     posterior = HyperPosterior(second_left_out.bound, truncated=truncated)
-    evidence = posterior.nodes(1e-3).evidence
+    evidence = compute_nodes(posterior, 1e-3).evidence
     difference = second_left_out.evidence.log_value - evidence.log_value
     assert abs(difference) < second_left_out.error + evidence.error
 
@@ -293,7 +294,7 @@ def test_nodes_that_do_not_suit_are_not_used() -> None:
     simulation = linear.simulate(plan(), seed=2, parameters=truth, hyper_um=hyper_um)
     evidences = Evidences(simulation.campaign, tolerance=1e-2)
     larger, constant = evidences.of(linear, linear.with_degree(0))
-    evidence = HyperPosterior(constant.bound, truncated=False).nodes(1e-3).evidence
+    evidence = compute_nodes(HyperPosterior(constant.bound, truncated=False), 1e-3).evidence
     assert constant.integral.free is not larger.integral.free
     difference = constant.evidence.log_value - evidence.log_value
     assert abs(difference) < constant.error + evidence.error < 0.02
@@ -434,11 +435,11 @@ def test_replicates_are_the_predictive_distribution() -> None:
     model = lb.HybridModel.first(1).without("truncation")
     bound = model.bind(campaign)
     name = bound.test_names[test]
-    nodes = HyperPosterior(bound, truncated=False).nodes(1e-2)
+    nodes = compute_nodes(HyperPosterior(bound, truncated=False), 1e-2)
     left_out = leave_one_out({"linear": nodes})["linear"]
     assert tuple(left_out) == bound.test_names
     without_test = left_out[name]
-    cold = HyperPosterior(without_test.bound, truncated=False).nodes(1e-2)
+    cold = compute_nodes(HyperPosterior(without_test.bound, truncated=False), 1e-2)
     assert without_test.evidence.log_value == pytest.approx(cold.evidence.log_value, abs=5e-3)
     rng = np.random.default_rng(1)
     replicates = replicate_left_out(bound, without_test, name, 40_000, rng, circles_per_draw=4)

@@ -12,8 +12,9 @@ from ldbb_bayes.inference import independent_sampler
 from ldbb_bayes.inference.conditional_sampling import conditional_draws
 from ldbb_bayes.inference.density import JointDensity
 from ldbb_bayes.inference.evidence import log_prob_truncation
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.inference.independent_sampler import draw_jointly
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.nodes import compute_nodes
 from ldbb_bayes.inference.truncation_factor import TruncationFactor, _mean_probability
 from ldbb_bayes.model.hybrid import BoundModel
 
@@ -83,7 +84,7 @@ def test_no_probability_is_computed_twice(
 ) -> None:
     """A sample of the nodes does not suffice; its probabilities are those of all nodes too."""
     posterior = HyperPosterior(soft, truncated=True)
-    nodes = posterior.without_truncation.nodes(1e-2).integral
+    nodes = compute_nodes(posterior.without_truncation, 1e-2).integral
     _, conditional = posterior.given(nodes.free)
     inside, _ = conditional.orthant.log_probability(1e-3)
     expected = np.logaddexp.reduce(nodes.log_density + nodes.log_volume + inside)
@@ -121,7 +122,7 @@ def test_the_error_of_a_mean_probability_is_twice_its_standard_error(soft: Bound
 
 def test_common_errors_of_a_factor_add_up_and_random_ones_add_as_squares(soft: BoundModel) -> None:
     """¼ · 0.4 + ¾ · 0.8 = 0.7; of the random ones, which are 0.3 and 0.4 after weighting, 0.5."""
-    nodes = HyperPosterior(soft, truncated=False).nodes(0.2)
+    nodes = compute_nodes(HyperPosterior(soft, truncated=False), 0.2)
     factor = TruncationFactor(soft, nodes.integral, tolerance=1e-2, seed=0)
     weight = np.zeros(len(nodes.integral.free))
     weight[:2] = (0.25, 0.75)
@@ -137,7 +138,7 @@ def test_draws_of_a_density_without_truncation_have_negative_compliances(
     """The model may require compliances that are not negative: its density without this counts."""
     model = soft.model if required else soft.model.without("truncation")
     posterior = HyperPosterior(model.bind(soft.campaign), truncated=False)
-    beta, _ = posterior.nodes(0.1).draw(400, np.random.default_rng(1))
+    beta, _ = compute_nodes(posterior, 0.1).draw(400, np.random.default_rng(1))
     assert 0.1 < soft.truncation.holds(beta).mean() < 0.9
 
 
@@ -147,7 +148,7 @@ def test_draws_of_a_truncated_density_have_no_negative_compliance(
 ) -> None:
     model = soft.model if required else soft.model.without("truncation")
     posterior = HyperPosterior(model.bind(soft.campaign), truncated=True)
-    beta, _ = posterior.nodes(0.1).draw(400, np.random.default_rng(1))
+    beta, _ = compute_nodes(posterior, 0.1).draw(400, np.random.default_rng(1))
     assert soft.truncation.holds(beta).all()
 
 
@@ -175,7 +176,7 @@ def test_draws_have_the_moments_of_the_nodes(
     if not truncated:
         model = model.without("truncation")
     posterior = HyperPosterior(model.bind(recovered), truncated=truncated)
-    nodes = posterior.nodes(1e-2)
+    nodes = compute_nodes(posterior, 1e-2)
     draws = draw_jointly(posterior, size, np.random.default_rng(2))
     free, beta, accepted, proposed, log_posterior = draws
     assert len(free) == len(beta) == size
@@ -204,7 +205,7 @@ def test_a_proposal_reaches_the_corners_of_the_density(
     model = lb.HybridModel.first(1)
     campaign = model.simulate(planned, seed=4, parameters=TRUTH, hyper_um=HYPER_UM).campaign
     posterior = HyperPosterior(model.without(*left_out).bind(campaign), truncated=False)
-    free, _ = posterior.nodes(1e-2).integral.heaviest(1e-5)
+    free, _ = compute_nodes(posterior, 1e-2).integral.heaviest(1e-5)
     log_weight = (
         posterior.log_density(free)
         - posterior.weighted_sample.log_proposal(free)

@@ -11,7 +11,8 @@ import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.inference.density_ratio import RatioSampler
 from ldbb_bayes.inference.evidences import Evidences
-from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
+from ldbb_bayes.inference.nodes import Nodes, compute_nodes
 from ldbb_bayes.inference.related_models import RelatedModels
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 
@@ -59,13 +60,13 @@ def posterior_of(model: HybridModel, campaign: Campaign) -> HyperPosterior:
 
 def check_against_own_nodes(model: HybridModel, campaign: Campaign) -> None:
     related = Evidences(campaign, tolerance=TOLERANCE).of(LINEAR, model)[1]
-    separate = posterior_of(model, campaign).nodes(TOLERANCE)
+    separate = compute_nodes(posterior_of(model, campaign), TOLERANCE)
     assert related.evidence.log_value == pytest.approx(
         separate.evidence.log_value, abs=related.error + separate.error
     )
     # In three planes the nodes of the constant model itself miss the tolerance: their error is then
     # larger, and stated.
-    assert related.meet(TOLERANCE) or not separate.meet(TOLERANCE)
+    assert related.meets(TOLERANCE) or not separate.meet(TOLERANCE)
 
 
 @pytest.mark.parametrize("name", ["two slopes fixed", "constant, no rivals"])
@@ -85,7 +86,7 @@ def test_evidences_of_other_campaigns(name: str, of_campaign: str) -> None:
 
 @pytest.fixture(scope="module")
 def of_linear(recovered: Campaign) -> Nodes:
-    return posterior_of(LINEAR, recovered).without_truncation.nodes(0.4 * TOLERANCE)
+    return compute_nodes(posterior_of(LINEAR, recovered).without_truncation, 0.4 * TOLERANCE)
 
 
 def test_a_model_has_the_nodes_of_the_larger_model(of_linear: Nodes, recovered: Campaign) -> None:
@@ -124,7 +125,7 @@ def test_weights_at_all_nodes_are_nearly_those_of_the_sample(
 def test_coarse_nodes_of_the_larger_model_are_refined_once(recovered: Campaign) -> None:
     """Where their error leaves no room, finer nodes serve all related models; the evidence is that
     of the model's own nodes."""
-    coarse = posterior_of(LINEAR, recovered).without_truncation.nodes(0.05)
+    coarse = compute_nodes(posterior_of(LINEAR, recovered).without_truncation, 0.05)
     tolerance = 0.7 * coarse.error
     related = RelatedModels(coarse, tolerance)
     models = ("two slopes fixed", "narrow prior of slopes")
@@ -132,8 +133,8 @@ def test_coarse_nodes_of_the_larger_model_are_refined_once(recovered: Campaign) 
     assert nodes[0].integral.free is not coarse.integral.free
     assert nodes[0].integral.free is nodes[1].integral.free
     for name, of_model in zip(models, nodes, strict=True):
-        separate = posterior_of(RELATED[name], recovered).nodes(0.25 * tolerance)
-        assert of_model.meet(tolerance)
+        separate = compute_nodes(posterior_of(RELATED[name], recovered), 0.25 * tolerance)
+        assert of_model.meets(tolerance)
         assert of_model.evidence.log_value == pytest.approx(
             separate.evidence.log_value, abs=of_model.error + separate.error
         )
@@ -143,14 +144,14 @@ def test_where_the_larger_model_misses_the_tolerance_its_nodes_serve_all_the_sam
     recovered: Campaign, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """New nodes would miss it, too; the error that is stated is the larger one."""
-    coarse = posterior_of(LINEAR, recovered).without_truncation.nodes(0.05)
+    coarse = compute_nodes(posterior_of(LINEAR, recovered).without_truncation, 0.05)
     tolerance = 0.3 * coarse.error
     related = RelatedModels(coarse, tolerance)
     monkeypatch.setattr(related, "_refine", lambda: setattr(related, "_may_be_refined", False))
     nodes = related.nodes(posterior_of(RELATED["two slopes fixed"], recovered))
     assert nodes.integral.free is coarse.integral.free
     assert tolerance < nodes.error <= 1.5 * coarse.error
-    separate = posterior_of(RELATED["two slopes fixed"], recovered).nodes(TOLERANCE)
+    separate = compute_nodes(posterior_of(RELATED["two slopes fixed"], recovered), TOLERANCE)
     assert nodes.evidence.log_value == pytest.approx(
         separate.evidence.log_value, abs=nodes.error + separate.error
     )
@@ -160,7 +161,7 @@ def test_a_model_far_from_the_larger_one_has_nodes_of_its_own(recovered: Campaig
     """Without rivals and slopes, circles must scatter more: σ, δ and κ lie elsewhere."""
     campaign = LINEAR.with_degree(0).simulate(recovered.plan(), seed=1).campaign
     narrow = posterior_of(LINEAR.without("force-error", "drift"), campaign)
-    of_other_readings = posterior_of(LINEAR, recovered).without_truncation.nodes(TOLERANCE)
+    of_other_readings = compute_nodes(posterior_of(LINEAR, recovered).without_truncation, TOLERANCE)
     nodes = RelatedModels(of_other_readings, TOLERANCE).nodes(narrow)
     assert nodes.integral.free is not of_other_readings.integral.free
 
@@ -169,11 +170,11 @@ def test_a_negligible_model_has_nodes_of_an_earlier_model(recovered: Campaign) -
     """The nodes of the larger model do not suffice for either; new ones are computed once."""
     campaign = LINEAR.with_degree(0).simulate(recovered.plan(), seed=1).campaign
     narrow = LINEAR.without("force-error", "drift")
-    of_other_readings = posterior_of(LINEAR, recovered).without_truncation.nodes(TOLERANCE)
+    of_other_readings = compute_nodes(posterior_of(LINEAR, recovered).without_truncation, TOLERANCE)
     related = RelatedModels(of_other_readings, TOLERANCE)
     first = related.nodes(posterior_of(narrow, campaign))
     second = posterior_of(narrow.with_degree(0), campaign)
-    separate = second.nodes(TOLERANCE)
+    separate = compute_nodes(second, TOLERANCE)
     highest = separate.evidence.log_value + separate.error + 2.0 * TOLERANCE
     nodes, is_negligible = related.nodes_unless_negligible(second, highest)
     assert is_negligible

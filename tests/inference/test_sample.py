@@ -22,6 +22,7 @@ from ldbb_bayes.campaign.campaign import Direction
 from ldbb_bayes.inference import posterior as posteriors
 from ldbb_bayes.inference.density import JointDensity
 from ldbb_bayes.inference.fit import State
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.inference.independent_sampler import (
     JointDraws,
     TooRoughError,
@@ -29,7 +30,6 @@ from ldbb_bayes.inference.independent_sampler import (
     draw_jointly,
 )
 from ldbb_bayes.inference.mcmc import Assessment, Progress, StoppingRule
-from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, draws_of, fit_of, record_of
 from ldbb_bayes.inference.sample import run_sampler
 from ldbb_bayes.inference.summary import result_json

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
+from ldbb_bayes.inference.nodes import compute_nodes
 
 MODEL = lb.HybridModel.default(1)
 FORCES_N = (700.0, 100.0, 500.0, 300.0)
@@ -76,7 +77,7 @@ def test_intervals_hold_the_truth_at_several_places(case: str) -> None:
     inside: dict[str, list[bool]] = {"C_CXY": [], "C_CYY": [], "C_CCY": []}
     for seed in range(CAMPAIGNS):
         campaign, truth = measured(plan, seed)
-        posterior = HyperPosterior(MODEL.bind(campaign), truncated=True).nodes(0.1)
+        posterior = compute_nodes(HyperPosterior(MODEL.bind(campaign), truncated=True), 0.1)
         draws, _ = posterior.draw(2000, np.random.default_rng(seed))
         names = MODEL.bind(campaign).names
         for name, hits in inside.items():

@@ -19,7 +19,7 @@ from ldbb_bayes.analysis.design.named_parameters import restricted_to, unconstra
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.inference.coefficients import draw_shared, names_of_shared, shared_terms
 from ldbb_bayes.inference.conditional_sampling import draw_parameters_given
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.hyper_posterior import HyperPosterior
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.terms import BarLength, Drift, JointLoad, Position, Term
