@@ -7,7 +7,7 @@ from .comparison import Comparison as Comparison
 from .comparison import read_comparison as read_comparison
 from .compliance_change import ChangeWithForce as ChangeWithForce
 from .compliance_change import change_with_force as change_with_force
-from .conformity import Conformity as Conformity
+from .decision_rule import Conformity as Conformity
 from .design import Costs as Costs
 from .design import Design as Design
 from .design import GoalDesign as GoalDesign

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import pandas as pd
 from pydantic import Field, PlainSerializer
 
-from ldbb_bayes.analysis.conformity import Conformity
+from ldbb_bayes.analysis.decision_rule import Conformity
 from ldbb_bayes.fleet.control_limits import LIMITS
 from ldbb_bayes.fleet.interval_summary import Summary, name_intervals
 from ldbb_bayes.fleet.selection import Caveat

@@ -13,12 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ldbb_bayes.analysis.conformity import (
-    Conformity,
-    Decision,
-    normal_conformity,
-    stiffness_conformity,
-)
+from ldbb_bayes.analysis.decision_rule import Conformity, Decision
+from ldbb_bayes.analysis.normal_conformity import normal_conformity, stiffness_conformity
 from ldbb_bayes.analysis.tolerances import Quantity, Tolerance, quantities, tolerances_in
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet.control_limits import ChartPoints

@@ -34,7 +34,7 @@ from ldbb_bayes.units import U_PROBABILITY
 
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.budgets import Budget
-    from ldbb_bayes.analysis.conformity import Conformity
+    from ldbb_bayes.analysis.decision_rule import Conformity
     from ldbb_bayes.analysis.verdicts import ChangeIdentifiability, ParameterIdentifiability
 
 __all__ = ["Compared", "Findings", "FurtherCampaign", "Recommended", "findings_of_fit"]

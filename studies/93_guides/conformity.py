@@ -12,7 +12,7 @@ from figures import Figure
 from scipy.optimize import brentq
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.conformity import normal_conformity
+from ldbb_bayes.analysis.normal_conformity import normal_conformity
 from ldbb_bayes.model.gaussian import Gaussian
 
 __all__ = ["figures"]

@@ -14,13 +14,10 @@ from campaigns import cases, plan, refuses, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.conformity import (
-    Decision,
-    _decide_by_draws,
-    _StatedDraws,
-    normal_conformity,
-    stiffness_conformity,
-)
+from ldbb_bayes.analysis.conformity import _decide_by_draws
+from ldbb_bayes.analysis.decision_rule import Decision
+from ldbb_bayes.analysis.normal_conformity import normal_conformity, stiffness_conformity
+from ldbb_bayes.analysis.toleranced_draws import TolerancedDraws
 from ldbb_bayes.analysis.tolerances import Quantity, quantities_of, tolerances_in
 from ldbb_bayes.analysis.usability import Reason, ReasonKind, Use, judge_certificate
 from ldbb_bayes.analysis.verdicts import Verdict
@@ -98,7 +95,7 @@ def _gamma_draws(shape: float) -> Any:
 @pytest.mark.parametrize("count", [1, 4, 9, 12])
 def test_a_skewed_tail_has_at_least_the_share_of_its_draws(shape: float, count: int) -> None:
     limit = float(stats.gamma(shape).isf(count / 2000))
-    stated = _StatedDraws(_gamma_draws(shape), None)
+    stated = TolerancedDraws(_gamma_draws(shape), None)
     above = _decide_by_draws("mm", stated, lb.analysis.Tolerance(upper=limit), 0.999)
     assert 1.0 - above.probability == pytest.approx(count / 2000, abs=1e-12)
     below = _decide_by_draws("mm", stated, lb.analysis.Tolerance(lower=limit), 0.999)
@@ -106,7 +103,7 @@ def test_a_skewed_tail_has_at_least_the_share_of_its_draws(shape: float, count: 
 
 
 def test_a_confidence_beyond_the_draws_is_not_met_by_a_normal_tail() -> None:
-    stated = _StatedDraws(_gamma_draws(10.0), None)
+    stated = TolerancedDraws(_gamma_draws(10.0), None)
     limit = float(stats.gamma(10.0).isf(4.5e-3))
     conformity = _decide_by_draws("mm", stated, lb.analysis.Tolerance(upper=limit), 0.999)
     assert conformity.decision is Decision.NOT_DECIDED
@@ -116,7 +113,7 @@ def test_a_side_with_few_draws_has_at_most_the_share_of_ten() -> None:
     draws = -_gamma_draws(1.0)
     limit = float(draws.max())  # no draw lies above, and the normal tail there is 16 %
     conformity = _decide_by_draws(
-        "mm", _StatedDraws(draws, None), lb.analysis.Tolerance(upper=limit), 0.95
+        "mm", TolerancedDraws(draws, None), lb.analysis.Tolerance(upper=limit), 0.95
     )
     assert 1.0 - conformity.probability == pytest.approx(10 / 2000, abs=1e-12)
 
@@ -131,7 +128,7 @@ def test_the_error_of_a_probability_is_that_of_independent_draws(
     for copies, listed in errors.items():
         for _ in range(200):
             draws = np.repeat(rng.standard_normal(4000 // copies), copies)
-            decision = _decide_by_draws("mm", _StatedDraws(draws, None), tolerance, 0.95)
+            decision = _decide_by_draws("mm", TolerancedDraws(draws, None), tolerance, 0.95)
             listed.append(decision.probability_error)
     expected = np.sqrt(p * (1.0 - p) / 4000)
     assert np.mean(errors[1]) == pytest.approx(expected, rel=0.05)
@@ -165,7 +162,7 @@ def test_a_skewed_stiffness_has_the_ends_of_its_interval_beside_it(
     """Of a compliance of 40 ± 13 nm/N (u), 2u of the stiffness is 43 N/µm beside a value of 25."""
     compliance = stats.truncnorm.rvs(-3.0, np.inf, 40e-6, 13e-6, size=4000, random_state=rng)
     tolerance = lb.analysis.Tolerance(lower=10e3)
-    stated = _StatedDraws(1.0 / compliance, 389.0, is_stiffness=True)
+    stated = TolerancedDraws(1.0 / compliance, 389.0, is_stiffness=True)
     decision = _decide_by_draws("N/mm", stated, tolerance, 0.95)
     low, high = np.quantile(stated.values, (0.025, 0.975))
     assert (decision.ci_low, decision.ci_high) == (pytest.approx(low), pytest.approx(high))

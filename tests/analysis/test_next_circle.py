@@ -12,7 +12,7 @@ from scipy.special import ndtri
 from scipy.stats import norm
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.conformity import Conformity, Decision
+from ldbb_bayes.analysis.decision_rule import Conformity, Decision
 from ldbb_bayes.analysis.design import aims_so_far
 from ldbb_bayes.analysis.design.aims import SlopesAim, UncertaintyAim, total_distance
 from ldbb_bayes.analysis.design.aims_so_far import Known, ToleranceState, goal_states

@@ -16,7 +16,8 @@ import numpy as np
 import xarray as xr
 from scipy.special import ndtr, ndtri
 
-from ldbb_bayes.analysis.conformity import Conformity, Decision, assess_conformity, quantity_draws
+from ldbb_bayes.analysis.conformity import assess_conformity, quantity_draws
+from ldbb_bayes.analysis.decision_rule import Conformity, Decision
 from ldbb_bayes.analysis.design.aims import UncertaintyAim
 from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, Goal
 from ldbb_bayes.analysis.design.present_estimates import PRESENT_DRAWS, present_estimates
