@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
-__all__ = ["NEW_NAMES", "renamed_keyword", "warn_of_new_name"]
+__all__ = ["NEW_NAMES", "renamed_keyword", "warn_of_new_member", "warn_of_new_name"]
 
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
@@ -97,6 +97,19 @@ def warn_of_new_name(old: str) -> None:
     warnings.warn(
         f"lb.{old} is now lb.{NEW_NAMES[old]}. Use the new name: version 0.4 will not have the old"
         " one.",
+        FutureWarning,
+        stacklevel=3,
+    )
+
+
+def warn_of_new_member(old: str, new: str) -> None:
+    """Give a FutureWarning that states the new name of a renamed method or attribute of a class.
+
+    ``old`` is the name in version 0.2 after that of the class, such as Evidences.of. ``new`` is the
+    new name, without that of the class.
+    """
+    warnings.warn(
+        f"{old} is now {new}. Use the new name: version 0.4 will not have the old one.",
         FutureWarning,
         stacklevel=3,
     )

@@ -39,7 +39,16 @@ def test_an_old_keyword_beside_the_new_one_is_refused() -> None:
 def test_an_old_keyword_of_a_class_is_taken_for_the_new_one(recovered: lb.Campaign) -> None:
     with pytest.warns(FutureWarning, match="The argument keep of Evidences is now keep_tests"):
         evidences = lb.inference.Evidences(recovered, keep=["f036"])  # type: ignore[call-arg]
-    assert evidences.apart()._keep_tests == ["f036"]
+    assert evidences.empty_copy()._keep_tests == ["f036"]
+
+
+def test_old_members_of_evidences_are_the_new_ones(recovered: lb.Campaign) -> None:
+    evidences = lb.inference.Evidences(recovered, tolerance=0.1)
+    with pytest.warns(FutureWarning, match="Evidences.of is now nodes"):
+        nodes = evidences.of(lb.HybridModel.default(degree=0))
+    with pytest.warns(FutureWarning, match="Evidences.every is now computed"):
+        computed = evidences.every
+    assert computed == [nodes[0].evidence]
 
 
 def test_there_are_at_most_45_public_names() -> None:

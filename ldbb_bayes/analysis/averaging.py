@@ -185,7 +185,8 @@ def average(
     clock = time.perf_counter()
     require_campaign(campaign)
     _check_arguments(models, draws)
-    evidences = (evidences or Evidences(campaign)).of_campaign(campaign)
+    evidences = evidences or Evidences(campaign)
+    evidences.check_campaign(campaign)
     weighted = _weigh_models(models, evidences)
     bound = weighted.bound
     seeds = np.random.SeedSequence(seed).spawn(3)
@@ -253,8 +254,8 @@ def _weigh_models(models: Mapping[str, HybridModel], evidences: Evidences) -> _W
         for rivals in subsets(model.rivals):
             combinations.append(_Combination(name, rivals))
             variants.append(model.with_rivals(*rivals))
-    nodes = evidences.of(*variants)
-    bound = evidences.of(largest_model(models))[0].bound
+    nodes = evidences.nodes(*variants)
+    bound = evidences.nodes(largest_model(models))[0].bound
     for variant_nodes in nodes:
         _check_nested(variant_nodes.bound, bound)
     log_evidence = np.array([variant_nodes.evidence.log_value for variant_nodes in nodes])

@@ -159,9 +159,10 @@ def compare(
     require_campaign(campaign)
     if evidences is None:
         evidences = Evidences(campaign, tolerance=tolerance)
+    evidences.check_campaign(campaign)
     finish = begin_comparison(
         models,
-        evidences.of_campaign(campaign),
+        evidences,
         evidence_only=evidence_only,
         prob=prob,
         seed=seed,
@@ -197,7 +198,7 @@ def begin_comparison(
     if progress is not None:
         total = count_steps(plan, len(models), campaign)
         evidences.progress = _StepCounter(progress, total)
-    nodes_by_model = dict(zip(models, evidences.of(*models.values()), strict=True))
+    nodes_by_model = dict(zip(models, evidences.nodes(*models.values()), strict=True))
     begun = _BegunComparison(
         plan,
         evidences,
@@ -268,8 +269,8 @@ class _BegunComparison:
             left_out_nodes = leave_one_out(
                 self.nodes_by_model, tolerance=evidences.tolerance, progress=evidences.progress
             )
-        scaled = sensitivity.compare_under(plan.pair, plan.by_slope_scale, evidences.of)
-        unchanged = sensitivity.compare_under(plan.pair, plan.unchanged, evidences.of)
+        scaled = sensitivity.compare_under(plan.pair, plan.by_slope_scale, evidences.nodes)
+        unchanged = sensitivity.compare_under(plan.pair, plan.unchanged, evidences.nodes)
         explanations = None
         if plan.has_rival_explanations:
             explanations = rival_explanations.compare_explanations(plan.pair, evidences)
@@ -283,7 +284,7 @@ class _BegunComparison:
         assumptions, assumption_evidences = self.by_assumption()
         evidences.progress = report_nothing
         all_evidences = [
-            *evidences.every,
+            *evidences.computed,
             *subset_evidences,
             *assumption_evidences,
             *_evidences_of(left_out_nodes),
@@ -373,7 +374,7 @@ def _begin_assumptions(
     runs the computation in parallel; if it is None, this process runs it.
     """
     best = max(nodes_by_model[name].evidence.log_value for name in plan.pair)
-    separate = evidences.apart()
+    separate = evidences.empty_copy()
     if executor is None:
         separate.progress = evidences.progress
     weigh = partial(
@@ -440,9 +441,9 @@ def _weigh_slope_subsets(
     known before; they are not in the second result. `_begin_slope_subsets` explains the other
     arguments.
     """
-    known = len(evidences.every)
+    known = len(evidences.computed)
     averaged = varying_slopes.slope_subsets(linear, evidences, seed=seed, prob=prob)
-    return averaged, evidences.every[known:]
+    return averaged, evidences.computed[known:]
 
 
 def _weigh_assumptions(
@@ -459,8 +460,8 @@ def _weigh_assumptions(
     [nat], the log Bayes factor is computed from them. Otherwise, precise evidences are computed and
     used. The second result holds all precise evidences, but no rough ones.
     """
-    weigh = partial(evidences.unless_rejected, rejected_below)
-    return sensitivity.compare_under(names, assumptions, weigh), evidences.every
+    weigh = partial(evidences.nodes_unless_rejected, rejected_below)
+    return sensitivity.compare_under(names, assumptions, weigh), evidences.computed
 
 
 def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evidence]:

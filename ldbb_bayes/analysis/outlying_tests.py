@@ -158,7 +158,7 @@ def find_outlying_tests(
         " argument replicates out.",
     )
     evidences = Evidences(campaign, tolerance=tolerance)
-    nodes_by_model = dict(zip(models, evidences.of(*models.values()), strict=True))
+    nodes_by_model = dict(zip(models, evidences.nodes(*models.values()), strict=True))
     left_out_nodes = leave_one_out(nodes_by_model, tolerance=tolerance)
     judged = judge_tests(
         nodes_by_model, left_out_nodes, seed=seed, tolerance=tolerance, replicates=replicates

@@ -135,7 +135,7 @@ def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
         if _SLOPES in combination:
             base = linear
         models.append(base.with_rivals(*combination))
-    model_evidences = [nodes.evidence for nodes in evidences.of(*models)]
+    model_evidences = [nodes.evidence for nodes in evidences.nodes(*models)]
     log_evidence = np.array([evidence.log_value for evidence in model_evidences])
     error = np.array([evidence.error for evidence in model_evidences])
     probability = probabilities(log_evidence)
@@ -194,7 +194,7 @@ def average_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
         errors = [0.0]
         for combination in combinations:
             below = max(log_evidences, default=-np.inf) - _NEGLIGIBLE
-            nodes, is_negligible = evidences.unless_negligible(
+            nodes, is_negligible = evidences.nodes_unless_negligible(
                 below, model.with_rivals(*combination)
             )
             log_evidences.append(nodes.evidence.log_value)

@@ -155,7 +155,7 @@ def slope_subsets(
         fixed = [
             slope for slope, varies in zip(slope_names.values(), choice, strict=True) if not varies
         ]
-        return evidences.of(model.fixing(*fixed))[0]
+        return evidences.nodes(model.fixing(*fixed))[0]
 
     if 2 ** len(slope_names) <= _ALL_SUBSETS:
         choices = itertools.product((False, True), repeat=len(slope_names))

@@ -258,7 +258,7 @@ def check_workflow(
     sampler = record_of(posterior)["sampler"]
     evidences = Evidences(campaign, tolerance=_TOLERANCE)
     models = _models_to_stack(model)
-    nodes_by_model = dict(zip(models, evidences.of(*models.values()), strict=True))
+    nodes_by_model = dict(zip(models, evidences.nodes(*models.values()), strict=True))
     left_out_nodes = leave_one_out(nodes_by_model, tolerance=_TOLERANCE)
     log_densities = left_out_log_densities(nodes_by_model, left_out_nodes)
     fit = fit_of(posterior)

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.deprecation import renamed_keyword
+from ldbb_bayes.deprecation import renamed_keyword, warn_of_new_member
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.evidence import check_comparable
 from ldbb_bayes.inference.evidence_value import Evidence
@@ -76,14 +76,14 @@ class Evidences(Shown):
     Examples
     --------
     >>> evidences = lb.inference.Evidences(campaign, tolerance=0.1)
-    >>> constant, linear = evidences.of(lb.HybridModel.first(0), lb.HybridModel.first(1))
+    >>> constant, linear = evidences.nodes(lb.HybridModel.first(0), lb.HybridModel.first(1))
     >>> constant.evidence.log_value > linear.evidence.log_value
     True
-    >>> len(evidences.every)
+    >>> len(evidences.computed)
     2
     """
 
-    shown = ("campaign", "tolerance", "every")
+    shown = ("campaign", "tolerance", "computed")
 
     @renamed_keyword("keep", "keep_tests")
     def __init__(
@@ -109,19 +109,15 @@ class Evidences(Shown):
         self._modes: dict[tuple[Hyper, ...], Array] = {}
         self._posteriors: dict[str, HyperPosterior] = {}
 
-    def of_campaign(self, campaign: Campaign) -> Evidences:
-        """Return this object if it holds evidences for the readings of the given campaign.
-
-        Raise an `InputError` if the readings of the campaign differ from those of this object.
-        """
+    def check_campaign(self, campaign: Campaign) -> None:
+        """Raise an `InputError` if a campaign has other readings than those of this object."""
         require(
             campaign.sha256 == self.campaign.sha256,
             f"evidences must be of the campaign {campaign.name or ''}, got those of"
             f" {self.campaign.name or 'another'}. Make them anew: Evidences(campaign).",
         )
-        return self
 
-    def of(self, *models: HybridModel) -> list[Nodes]:
+    def nodes(self, *models: HybridModel) -> list[Nodes]:
         """Return the quadrature nodes of each model, in the order of the models.
 
         The evidence of a model is computed from its nodes, which are weighted values of its
@@ -143,7 +139,7 @@ class Evidences(Shown):
             self.progress()
         return [self._nodes[key] for key in keys]
 
-    def unless_rejected(self, below: float, *models: HybridModel) -> list[Nodes]:
+    def nodes_unless_rejected(self, below: float, *models: HybridModel) -> list[Nodes]:
         """Return the quadrature nodes of each model, or rough nodes if all models are rejected.
 
         Nodes are weighted values of the hyper-parameters, from which the log evidence of a model
@@ -151,25 +147,25 @@ class Evidences(Shown):
         rough nodes are computed first, with a larger tolerance than that of this object. If every
         log evidence from the rough nodes, plus its error, is at most ``below`` [nat], all models
         are rejected and the rough nodes are returned. Otherwise, the nodes of all models are
-        computed to the tolerance of this object. The list `every` of the evidences computed so far
-        does not contain evidences from rough nodes.
+        computed to the tolerance of this object. The list `computed` does not contain evidences
+        from rough nodes.
         """
         if all(model_to_toml(model) in self._nodes for model in models):
-            return self.of(*models)
-        rough = self._rough.of(*models)
+            return self.nodes(*models)
+        rough = self._rough.nodes(*models)
         if max(nodes.evidence.log_value + nodes.error for nodes in rough) > below:
-            return self.of(*models)
+            return self.nodes(*models)
         for _ in models:
             self.progress()
         return rough
 
-    def unless_negligible(self, below: float, model: HybridModel) -> tuple[Nodes, bool]:
+    def nodes_unless_negligible(self, below: float, model: HybridModel) -> tuple[Nodes, bool]:
         """Return the quadrature nodes of a model, or other nodes that show that it is negligible.
 
-        A model is negligible if its log evidence is at most ``below`` [nat]. If the nodes of `of`
-        would have to be computed anew, and the nodes of a related model show that the model is
-        negligible, these nodes are returned with new weights. The second value is then true, and
-        the log evidence agrees with that of `of` within the tolerance of this object.
+        A model is negligible if its log evidence is at most ``below`` [nat]. If `nodes` would have
+        to compute new nodes, and the nodes of a related model show that the model is negligible,
+        these nodes are returned with new weights. The second value is then true, and the log
+        evidence agrees with that from `nodes` within the tolerance of this object.
         """
         key = model_to_toml(model)
         if key in self._nodes:
@@ -182,7 +178,7 @@ class Evidences(Shown):
         self.progress()
         return nodes, is_negligible
 
-    def apart(self, tolerance: float | None = None) -> Evidences:
+    def empty_copy(self, tolerance: float | None = None) -> Evidences:
         """Return a new, still empty ``Evidences`` object for the same readings.
 
         The posterior mode of a model's hyper-parameters is found by a search. In the new object,
@@ -246,7 +242,7 @@ class Evidences(Shown):
         The error allowed in a rough log evidence is the tolerance of this object or
         ``_ROUGH_TOLERANCE``, whichever is larger [nat].
         """
-        rough = self.apart(max(self.tolerance, _ROUGH_TOLERANCE))
+        rough = self.empty_copy(max(self.tolerance, _ROUGH_TOLERANCE))
         # The models applied to the campaign, and the modes of their posteriors, do not depend on
         # the tolerance (the error allowed in a log evidence) and are used again.
         rough._posteriors = self._posteriors
@@ -284,13 +280,24 @@ class Evidences(Shown):
         return self._related_models[key]
 
     @property
-    def every(self) -> list[Evidence]:
+    def computed(self) -> list[Evidence]:
         """Evidences of all models for which this object has computed the evidence so far.
 
         The error allowed in each log evidence is the tolerance of this object. Rough evidences,
         for which a larger error is allowed, are not included.
         """
         return [nodes.evidence for nodes in self._nodes.values()]
+
+    def of(self, *models: HybridModel) -> list[Nodes]:
+        """Return the result of `nodes`, which was called ``of`` in version 0.2."""
+        warn_of_new_member("Evidences.of", "nodes")
+        return self.nodes(*models)
+
+    @property
+    def every(self) -> list[Evidence]:
+        """Value of `computed`, which was called ``every`` in version 0.2."""
+        warn_of_new_member("Evidences.every", "computed")
+        return self.computed
 
 
 def _largest_first(model: HybridModel) -> list[int]:
@@ -367,7 +374,7 @@ def leave_one_out(
                 nodes_without[name][test] = nodes_from_all
                 del missing[name]
                 progress()
-        for name, nodes in zip(missing, evidences.of(*missing.values()), strict=True):
+        for name, nodes in zip(missing, evidences.nodes(*missing.values()), strict=True):
             nodes_without[name][test] = nodes
     return nodes_without
 

@@ -69,7 +69,7 @@ def p_values(kind: str, seed: int) -> dict[str, float]:
     """Return the p-values of both checks in one campaign."""
     campaign = campaign_of(kind, seed)
     evidences = Evidences(campaign, tolerance=TOLERANCE)
-    nodes = dict(zip(("constant", "linear"), evidences.of(CONSTANT, LINEAR), strict=True))
+    nodes = dict(zip(("constant", "linear"), evidences.nodes(CONSTANT, LINEAR), strict=True))
     without_one = leave_one_out(nodes, tolerance=TOLERANCE)
     judged = judge_tests(
         nodes, without_one, seed=seed, tolerance=TOLERANCE, replicates=REPLICATES

@@ -157,7 +157,7 @@ def stated_u(campaign: lb.Campaign) -> dict[str, float]:
 
     It is computed by quadrature over the hyper-parameters, without the scatter of random draws.
     """
-    nodes = Evidences(campaign, tolerance=TOLERANCE).of(MODEL)[0]
+    nodes = Evidences(campaign, tolerance=TOLERANCE).nodes(MODEL)[0]
     return dict(zip(nodes.bound.names, present_estimates(nodes).sd.tolist(), strict=True))
 
 
@@ -170,7 +170,7 @@ def stated_averaged_u(campaign: lb.Campaign) -> dict[str, float]:
     models = []
     for model in (MODEL, CONSTANT):
         models += [model.with_rivals(*rivals) for rivals in subsets(MODEL.rivals)]
-    all_nodes = Evidences(campaign, tolerance=TOLERANCE_OF_AVERAGE).of(*models)
+    all_nodes = Evidences(campaign, tolerance=TOLERANCE_OF_AVERAGE).nodes(*models)
     probability = probabilities(np.array([nodes.evidence.log_value for nodes in all_nodes]))
     names = all_nodes[0].bound.names
     means = np.zeros((len(models), len(names)))

@@ -184,7 +184,7 @@ def compare_with_reference(seed: int, preset: str = "first") -> list[Comparison]
         models.append(model.fixing(*fixed))
     comparisons = []
     for compared, nodes in zip(
-        models, Evidences(campaign, tolerance=TOLERANCE).of(*models), strict=True
+        models, Evidences(campaign, tolerance=TOLERANCE).nodes(*models), strict=True
     ):
         evidence = nodes.evidence
         difference = abs(evidence.log_value - reference(compared, campaign, FINER[preset]))

@@ -57,7 +57,7 @@ def _averaged_over(
     seed: int,
 ) -> Answer:
     """Answer with independent draws of each model, as many as its posterior probability says."""
-    posteriors = Evidences(campaign).of(*models)
+    posteriors = Evidences(campaign).nodes(*models)
     log_evidences = np.array([nodes.evidence.log_value for nodes in posteriors])
     rng = np.random.default_rng(seed)
     counts = rng.multinomial(DRAWS, probabilities(log_evidences))

@@ -72,11 +72,11 @@ def test_a_second_process_changes_no_number(recovered: lb.Campaign) -> None:
 
 def test_copied_evidences_keep_what_was_known(recovered: lb.Campaign) -> None:
     evidences = Evidences(recovered, tolerance=0.3)
-    (nodes,) = evidences.of(LINEAR)
+    (nodes,) = evidences.nodes(LINEAR)
     copied = evidences.copy()
-    evidences.of(LINEAR.with_degree(0))
-    assert len(copied.every) == 1
-    assert copied.of(LINEAR) == [nodes]
+    evidences.nodes(LINEAR.with_degree(0))
+    assert len(copied.computed) == 1
+    assert copied.nodes(LINEAR) == [nodes]
     (related,) = evidences._related_models.values()
     related._refine()
     (related_of_copy,) = copied._related_models.values()

@@ -21,7 +21,7 @@ PILOT = lb.read_campaign(lb.embedded_campaign())
 @pytest.mark.slow
 def test_machines_have_the_moments_of_the_posterior() -> None:
     plan = lb.design(MODEL, PILOT, tests=4, forces_N=(36.0, 742.0)).plan()
-    estimates = present_estimates(Evidences(PILOT).of(MODEL)[0])
+    estimates = present_estimates(Evidences(PILOT).nodes(MODEL)[0])
     column = MODEL.bind(PILOT).names.index("C_XXX")
     values = []
     for seed in range(100):

@@ -103,7 +103,7 @@ def test_uncertainties_are_about_those_of_average(source: str) -> None:
     campaign = CAMPAIGN if source == "simulated" else lb.read_campaign(lb.embedded_campaign())
     linear = lb.HybridModel.default(1)
     evidences = Evidences(campaign)
-    nodes = evidences.of(linear)[0]
+    nodes = evidences.nodes(linear)[0]
     sds = averaged_sds_now(nodes)
     pair = {"constant": linear.with_degree(0), "linear": linear}
     averaged = lb.average(pair, campaign, evidences=evidences, draws=8000)["posterior"]

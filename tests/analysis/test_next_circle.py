@@ -84,7 +84,7 @@ def test_u_after_the_next_circle_is_that_of_a_fit_with_the_circle_in_the_list(
     ]
     run = replace(at_force, name="next").with_reading_um(at_force.reading_um + shift_um)
     longer = replace(recovered, tests=(*recovered.tests, run))
-    nodes = Evidences(longer, tolerance=0.05).of(MODEL)[0]
+    nodes = Evidences(longer, tolerance=0.05).nodes(MODEL)[0]
     fitted_sd = present_estimates(nodes).sd
     for name in goals:
         fitted_U = 2.0 * fitted_sd[nodes.bound.names.index(name)]

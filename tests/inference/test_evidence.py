@@ -225,7 +225,7 @@ def test_marginals_whose_weights_cannot_be_trusted_say_so(
 
 def test_equal_models_have_one_entry_each() -> None:
     model = lb.HybridModel.first(0)
-    first, second = Evidences(UNIFORM, tolerance=4e-2).of(model, model)
+    first, second = Evidences(UNIFORM, tolerance=4e-2).nodes(model, model)
     assert first is second
 
 
@@ -245,7 +245,7 @@ def test_models_from_the_nodes_of_the_largest(truncated: bool) -> None:
         linear.with_slope_scale(2.0),
         narrow,
     ]
-    nodes_of_models = Evidences(UNIFORM, tolerance=4e-2).of(*models)
+    nodes_of_models = Evidences(UNIFORM, tolerance=4e-2).nodes(*models)
     constant, _, largest, _, narrowest = nodes_of_models
     for nodes in nodes_of_models:
         assert nodes.integral.free is narrowest.integral.free, nodes.integral.error
@@ -263,9 +263,9 @@ def test_models_from_the_nodes_of_the_largest(truncated: bool) -> None:
     assert abs(difference) < second_left_out.error + evidence.error
 
     one_by_one = Evidences(UNIFORM, tolerance=4e-2)
-    assert one_by_one.of(linear)[0].evidence == largest.evidence, "the largest first"
+    assert one_by_one.nodes(linear)[0].evidence == largest.evidence, "the largest first"
     for model, nodes in zip(models, nodes_of_models, strict=True):
-        assert one_by_one.of(model)[0].evidence == nodes.evidence
+        assert one_by_one.nodes(model)[0].evidence == nodes.evidence
 
 
 @pytest.mark.slow
@@ -274,7 +274,7 @@ def test_third_edition_from_shared_nodes() -> None:
     comes the evidence of nodes of its own."""
     linear = lb.HybridModel.default(1).without("circle-scale")
     models = [linear, linear.with_degree(0), linear.with_rivals(), linear.with_rivals("joint load")]
-    nodes_of_models = Evidences(UNIFORM, tolerance=4e-2).of(*models)
+    nodes_of_models = Evidences(UNIFORM, tolerance=4e-2).nodes(*models)
     estimates = [nodes.bound.estimate.compliances[0] for nodes in nodes_of_models]
     assert len(set(estimates)) == len(models)
     largest = nodes_of_models[0].integral.free
@@ -293,7 +293,7 @@ def test_nodes_that_do_not_suit_are_not_used() -> None:
     hyper_um = {"sigma": 0.1, "tau": 0.0}
     simulation = linear.simulate(plan(), seed=2, parameters=truth, hyper_um=hyper_um)
     evidences = Evidences(simulation.campaign, tolerance=1e-2)
-    larger, constant = evidences.of(linear, linear.with_degree(0))
+    larger, constant = evidences.nodes(linear, linear.with_degree(0))
     evidence = compute_nodes(HyperPosterior(constant.bound, truncated=False), 1e-3).evidence
     assert constant.integral.free is not larger.integral.free
     difference = constant.evidence.log_value - evidence.log_value

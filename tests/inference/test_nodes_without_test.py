@@ -30,7 +30,7 @@ def campaign() -> lb.Campaign:
 
 @pytest.fixture(scope="module")
 def nodes(campaign: lb.Campaign) -> Nodes:
-    return Evidences(campaign, tolerance=TOLERANCE).of(MODEL)[0]
+    return Evidences(campaign, tolerance=TOLERANCE).nodes(MODEL)[0]
 
 
 def posterior_without(nodes: Nodes, test: str) -> HyperPosterior:
@@ -126,7 +126,7 @@ def test_nodes_of_few_tests_are_computed_anew(monkeypatch: pytest.MonkeyPatch) -
     plan = lb.Campaign([lb.CircularTest(force, angle) for force in (50.0, 200.0, 400.0)])
     model = lb.HybridModel.first(1)
     evidences = Evidences(model.simulate(plan, seed=1).campaign, tolerance=0.2)
-    leave_one_out({"linear": evidences.of(model)[0]}, tolerance=0.2)
+    leave_one_out({"linear": evidences.nodes(model)[0]}, tolerance=0.2)
     assert asked == []
 
 
@@ -139,7 +139,7 @@ def test_nodes_that_miss_the_tolerance_are_computed_anew(
     plan = lb.Campaign([lb.CircularTest(force, angle) for force in (50.0, 200.0, 400.0)])
     model = lb.HybridModel.first(1)
     campaign = model.simulate(plan, seed=1).campaign
-    (coarse,) = Evidences(campaign, tolerance=0.2).of(model)
+    (coarse,) = Evidences(campaign, tolerance=0.2).nodes(model)
     left_out = leave_one_out({"linear": coarse}, tolerance=0.2)["linear"]
     assert tuple(left_out) == coarse.bound.test_names
 

@@ -59,7 +59,7 @@ def posterior_of(model: HybridModel, campaign: Campaign) -> HyperPosterior:
 
 
 def check_against_own_nodes(model: HybridModel, campaign: Campaign) -> None:
-    related = Evidences(campaign, tolerance=TOLERANCE).of(LINEAR, model)[1]
+    related = Evidences(campaign, tolerance=TOLERANCE).nodes(LINEAR, model)[1]
     separate = compute_nodes(posterior_of(model, campaign), TOLERANCE)
     assert related.evidence.log_value == pytest.approx(
         separate.evidence.log_value, abs=related.error + separate.error

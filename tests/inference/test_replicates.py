@@ -182,7 +182,7 @@ def test_an_average_has_no_predictive_groups(averaged: xr.DataTree) -> None:
 def test_arviz_judges_the_posterior(checked: xr.DataTree, posterior: xr.DataTree) -> None:
     """Warnings are errors here. Its leave-one-out is that of the nodes, circle by circle."""
     loo = arviz_stats.loo(checked, pointwise=True)
-    (nodes,) = Evidences(CAMPAIGN).of(MODEL)
+    (nodes,) = Evidences(CAMPAIGN).nodes(MODEL)
     log_evidence = nodes.evidence.log_value
     exact = []
     for nodes_without_test in leave_one_out({"": nodes})[""].values():

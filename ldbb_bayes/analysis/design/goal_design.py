@@ -187,7 +187,7 @@ def _stated_goals(
         value = np.median(np.abs(states_of(space.model, space.pilot).beta), axis=0)
         sd = np.asarray(bound.prior_sd)
     else:
-        nodes = Evidences(space.pilot, tolerance=EVIDENCE_TOLERANCE).of(space.model)[0]
+        nodes = Evidences(space.pilot, tolerance=EVIDENCE_TOLERANCE).nodes(space.model)[0]
         value, sd = present_estimates(nodes)
         draws, _ = nodes.draw(PRESENT_DRAWS, np.random.default_rng(space.seed))
         sds, averaged = sds_of_fit(space.model, pilot, nodes)

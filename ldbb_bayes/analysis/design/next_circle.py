@@ -259,7 +259,7 @@ def next_circle(
     has_goals = len(goals) + len(tolerances) > 0
     _check_aims(space, has_goals=has_goals, decide_model=decide_model)
     evidences = Evidences(space.pilot, tolerance=EVIDENCE_TOLERANCE)
-    nodes = evidences.of(model)[0]
+    nodes = evidences.nodes(model)[0]
     known = known_from(nodes, seed)
     # The model is applied to the circles run so far, followed by all possible circles.
     bound = bind_tests(space.model, space.pilot, space.tests, keep_pilot_tests=True)

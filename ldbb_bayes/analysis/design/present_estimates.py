@@ -87,7 +87,7 @@ def sds_of_fit(model: HybridModel, campaign: Campaign, nodes: Nodes) -> FittedSd
     """
     if has_effects_of_fit(model, campaign, nodes.bound):
         return FittedSds({}, averaged_sds_now(nodes))
-    nodes_of_fit = Evidences(campaign, tolerance=EVIDENCE_TOLERANCE).of(model)[0]
+    nodes_of_fit = Evidences(campaign, tolerance=EVIDENCE_TOLERANCE).nodes(model)[0]
     sds = present_estimates(nodes_of_fit).sd.tolist()
     of_fit = dict(zip(nodes_of_fit.bound.names, sds, strict=True))
     return FittedSds(of_fit, averaged_sds_now(nodes_of_fit))
