@@ -30,6 +30,7 @@ from ldbb_bayes.tables import Table, readable, table_of, terminal_width, wrapped
 from ldbb_bayes.units import inside_name, typeset
 
 __all__ = [
+    "LONGEST_REPR",
     "Array",
     "ByName",
     "ByParameter",
@@ -65,7 +66,7 @@ Array: TypeAlias = NDArray[Any]
 # Largest size of a result's JSON file that is read [bytes].
 _LARGEST_BYTES = 200_000_000
 # Largest length of the one-line text (``repr``) of an object [characters].
-_LONGEST_REPR = 80
+LONGEST_REPR = 80
 # Largest length of the text for the value of one attribute, within the one-line text of an object
 # [characters].
 _LONGEST_VALUE = 56
@@ -219,7 +220,7 @@ def _brief_object(value: Any, entries: Mapping[str, Any], longest: int) -> str:
         # The attributes at the end are left out first. An object that is itself an attribute of a
         # displayed object has less space: if it does not fit, only the name of its class is
         # displayed.
-        assignments = assignments[:-1] if longest == _LONGEST_REPR else []
+        assignments = assignments[:-1] if longest == LONGEST_REPR else []
         text = f"{kind.__name__}({', '.join([*assignments, '…'])})"
     return text
 
@@ -256,7 +257,7 @@ class Shown:
 
     def __repr__(self) -> str:
         """Return this object, such as a result or a campaign, as one line of text."""
-        return brief(self, _LONGEST_REPR)
+        return brief(self, LONGEST_REPR)
 
     def __str__(self) -> str:
         """Return the most important tables and sentences about this object, for one screen."""
@@ -361,8 +362,8 @@ class ByName(Shown, EitherSpelling[T]):
             return "<no results>"
         kind = type(next(iter(self.values()))).__name__
         text = f"<{len(self)} {kind}: {', '.join(self)}>"
-        if len(text) > _LONGEST_REPR:
-            return f"{text[: _LONGEST_REPR - 2]}…>"
+        if len(text) > LONGEST_REPR:
+            return f"{text[: LONGEST_REPR - 2]}…>"
         return text
 
 

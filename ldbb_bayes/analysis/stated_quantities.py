@@ -15,6 +15,7 @@ from ldbb_bayes.inference.summary import interval_numbers
 from ldbb_bayes.results import Array, Number, Result
 
 __all__ = [
+    "HARDLY_POSITIVE",
     "AxialDirection",
     "StatedValue",
     "above_zero",
@@ -27,7 +28,7 @@ __all__ = [
 
 # Only a lower limit of the stiffness is stated if the readings hardly determine the compliance.
 # This is the case if the lower end of its credible interval is at most this share of its median.
-_HARDLY_POSITIVE = 0.2
+HARDLY_POSITIVE = 0.2
 # Lower limit for draws of a compliance, as a fraction of the median of their absolute values.
 # Smaller draws are replaced by this limit before they are inverted to stiffnesses. Otherwise, the
 # few draws near zero would dominate the standard deviation of the stiffness.
@@ -141,7 +142,7 @@ def is_hardly_positive(compliance: Array, prob: float) -> bool:
     the equal-tailed interval.
     """
     low, median = np.quantile(compliance, [0.5 * (1.0 - prob), 0.5])
-    return bool(low <= _HARDLY_POSITIVE * median)
+    return bool(low <= HARDLY_POSITIVE * median)
 
 
 def stated_value(

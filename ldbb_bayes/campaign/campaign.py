@@ -37,7 +37,7 @@ from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.files import raises_input_error
 from ldbb_bayes.machine.chain import PLANES, Machine
-from ldbb_bayes.results import Array, Shown
+from ldbb_bayes.results import LONGEST_REPR, Array, Shown
 
 __all__ = [
     "LABELS",
@@ -77,8 +77,6 @@ LABELS = (
 _ADVICE_ON_TESTS = (
     "Make tests with lb.CircularTest(...); read a campaign with lb.read_campaign(...)."
 )
-# Largest number of characters of the one-line text (``repr``) that Python shows for a campaign.
-_LONGEST_REPR = 80
 # A stated force is that of the force law if it differs from it by at most this share.
 _SAME_FORCE = 1e-6
 # Names of the fields of a test whose values always contribute to the SHA-256 digest of its
@@ -405,7 +403,7 @@ class Campaign(CampaignFields):
             f" {self.readings} readings>"
         )
         head = f"<{kind} {self.name}"
-        room = _LONGEST_REPR - len(size)
+        room = LONGEST_REPR - len(size)
         if len(head) > room:
             head = f"{head[: room - 1]}…"
         return head + size

@@ -30,6 +30,7 @@ from ldbb_bayes.results import Array, Shown
 __all__ = [
     "CENTRE",
     "FEWEST_READINGS",
+    "LARGEST_READING_MM",
     "PER_TEST",
     "CircularTest",
     "Direction",
@@ -50,7 +51,7 @@ _MINIMUM_ARC_DEG = 180.0
 _MOST_TURNS = 40.0
 # Largest reading that a circular test may have [mm]. A test with a larger reading is refused,
 # because its readings are probably in another unit.
-_LARGEST_READING_MM = 100.0
+LARGEST_READING_MM = 100.0
 # A circle counts as full if the largest gap between neighbouring angles of its readings is at most
 # this multiple of the usual gap (see `usual_gap`).
 _ORDINARY_GAP = 3.0
@@ -287,9 +288,9 @@ class CircularTest(TestFields):
         if reading is None:
             return
         largest_mm = np.abs(reading).max() * 1e-3
-        if largest_mm > _LARGEST_READING_MM:
+        if largest_mm > LARGEST_READING_MM:
             yield (
-                f"have readings below {_LARGEST_READING_MM:g} mm, got {largest_mm:.4g} mm. Check"
+                f"have readings below {LARGEST_READING_MM:g} mm, got {largest_mm:.4g} mm. Check"
                 " the unit of the readings."
             )
 

@@ -9,15 +9,12 @@ from ldbb_bayes.fleet.trend import ParameterChange, Trend
 from ldbb_bayes.report.conformity_tables import conformity_table
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.report.wording import caveat_words, probability_words, trend_sentences, with_words
+from ldbb_bayes.report.wording.number_words import SMALLEST_SHOWN_PROBABILITY
 from ldbb_bayes.results import Table
 from ldbb_bayes.units import counted, display_name, display_unit, plus_minus, round_uncertainty
 
 __all__ = ["parts_of"]
 
-# The printed table of a trend states the size of a parameter's change only if the probability of
-# the change is at least this value. Smaller probabilities would appear as zero, because the table
-# shows probabilities with three decimals.
-_UNLIKELY = 5e-4
 # Text of empty cells in the printed table of a trend's parameters.
 _NOTHING = "–"
 
@@ -86,7 +83,7 @@ def _table_row(name: str, parameter: ParameterChange) -> list[str]:
         common = f"{round_uncertainty(2.0 * parameter.common_sd * factor)[0]} {unit}"
     size = _NOTHING
     percent = _NOTHING
-    if parameter.probability >= _UNLIKELY:
+    if parameter.probability >= SMALLEST_SHOWN_PROBABILITY:
         change = parameter.change
         size = plus_minus(change.mean, change.sd, change.interval, parameter.unit)
         if parameter.percent is not None:

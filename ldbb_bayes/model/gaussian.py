@@ -33,9 +33,9 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.triangular import log_diagonal, solve_lower, solve_upper
 from ldbb_bayes.results import Array, Shown
 
-__all__ = ["Gaussian"]
+__all__ = ["LOG_2PI", "Gaussian"]
 
-_LOG_2PI = float(np.log(2 * np.pi))
+LOG_2PI = float(np.log(2 * np.pi))
 # Columns of a design matrix count as linearly dependent if a diagonal entry of the R factor of
 # their QR decomposition is below this fraction of the largest diagonal entry. Such an entry has at
 # most three correct digits.
@@ -184,7 +184,7 @@ class Gaussian(Shown):
                 "rows must determine every coefficient, got columns that follow from others. Give a"
                 " proper prior."
             )
-        log_norm = -0.5 * n * _LOG_2PI + 0.5 * q * _LOG_2PI
+        log_norm = -0.5 * n * LOG_2PI + 0.5 * q * LOG_2PI
         return cls._from_triangle(triangle, np.zeros(q), scale, log_norm)
 
     def observe(self, rows: Array, values: Array) -> Gaussian:
@@ -212,7 +212,7 @@ class Gaussian(Shown):
         prior_stack = np.broadcast_to(prior_stack, (*batch, *prior_stack.shape[-2:]))
         joint = np.concatenate([stack, prior_stack], axis=-2)
         triangle = np.asarray(np.linalg.qr(joint, mode="r"))
-        constant = self.log_integral + log_diagonal(root) - 0.5 * rows.shape[-2] * _LOG_2PI
+        constant = self.log_integral + log_diagonal(root) - 0.5 * rows.shape[-2] * LOG_2PI
         return Gaussian._from_triangle(triangle, mean, scale, constant, has_prior=True)
 
     @classmethod
@@ -307,7 +307,7 @@ class Gaussian(Shown):
         """
         mean, root, scale = self._factors
         q = mean.shape[-1]
-        log_volume = np.log(scale).sum(axis=-1) - log_diagonal(root) + 0.5 * q * _LOG_2PI
+        log_volume = np.log(scale).sum(axis=-1) - log_diagonal(root) + 0.5 * q * LOG_2PI
         peak = self.log_constant + 0.5 * (self.shift * mean).sum(axis=-1)
         return np.asarray(peak + log_volume)
 
@@ -417,7 +417,7 @@ class Gaussian(Shown):
         """
         z = self.standardize(x)
         log_root = log_diagonal(self.root) - np.log(self.scale).sum(axis=-1)
-        return np.asarray(log_root - 0.5 * ((z**2).sum(axis=-1) + z.shape[-1] * _LOG_2PI))
+        return np.asarray(log_root - 0.5 * ((z**2).sum(axis=-1) + z.shape[-1] * LOG_2PI))
 
     def draw(
         self,

@@ -27,14 +27,13 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from ldbb_bayes.model.fourier import SIZE
+from ldbb_bayes.model.gaussian import LOG_2PI
 from ldbb_bayes.model.reduction import NearUniform, Reduced
 from ldbb_bayes.model.terms import BasisNoise, Columns
 from ldbb_bayes.model.terms.columns import Hyper, Source
 from ldbb_bayes.results import Array
 
 __all__ = ["Observations", "Rows", "observation_equations"]
-
-_LOG_2PI = float(np.log(2 * np.pi))
 
 
 class Rows(NamedTuple):
@@ -221,7 +220,7 @@ def observation_equations(
     # tests. They are the last rows of the observation equations.
     first = len(rows.variance) - len(private_signs)
     rows.variance[first:] *= private_signs[:, None]
-    log_constants = [-0.5 * _LOG_2PI * test.readings for test in reduced]
+    log_constants = [-0.5 * LOG_2PI * test.readings for test in reduced]
     # The reduced readings of a test are at most 25 numbers that replace its readings. If all
     # circles have nearly uniform angles, the function ``_rotate`` has multiplied these numbers by a
     # matrix. The log determinant of the matrix, −½ Σ ln(1 + departure), is therefore added to the
@@ -442,7 +441,7 @@ def _add_priors(
         test=_test_of_coefficients(nuisances, tests)[proper],
         variance=_prior_variance_factors(priors, unit, sources)[proper],
     )
-    log_volume = float((np.log(unit[flat]) + 0.5 * _LOG_2PI).sum())
+    log_volume = float((np.log(unit[flat]) + 0.5 * LOG_2PI).sum())
     return _Scaled(_concatenate([scaled, prior_rows]), unit, log_volume)
 
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.circular_test import LARGEST_READING_MM
 from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.machine.parameters import ComplianceName
 from ldbb_bayes.model.hyper_prior import HyperPrior
@@ -29,10 +30,6 @@ __all__ = [
     "true_hyper_parameters",
     "true_parameters",
 ]
-
-# Readings that are simulated from true parameters must stay below this size [mm]; larger ones come
-# from parameters in another unit.
-_LARGEST_READING_MM = 100.0
 
 
 @dataclass(frozen=True)
@@ -277,7 +274,7 @@ def true_parameters(
         )
     largest_mm = float(np.abs(interest @ beta).max())
     require(
-        largest_mm < _LARGEST_READING_MM,
+        largest_mm < LARGEST_READING_MM,
         f"true parameters must be in mm, N and rad, got ones that change readings by"
         f" {largest_mm:.3g} mm. For 60 nm/N write 60e-6.",
     )

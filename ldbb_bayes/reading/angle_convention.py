@@ -12,7 +12,7 @@ from collections.abc import Collection
 from typing import NamedTuple
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line
+from ldbb_bayes.reading.cited_lines import TEXT_SHOWN, CitedLine, cited_line, quoted_line
 from ldbb_bayes.reading.line_parts import (
     divide_line,
     segments_of_line,
@@ -118,8 +118,6 @@ _OTHER_SUBJECT = re.compile(_WORDS["other"], re.IGNORECASE)
 _SENSE = re.compile(_WORDS["sense"], re.IGNORECASE)
 # Regular expression for words which show that a part of a line is about readings or an instrument.
 _OF_READINGS = re.compile(_WORDS["of_readings"], re.IGNORECASE)
-# An error message shows at most this number of characters of a text from a file.
-_TEXT_SHOWN = 60
 _RIGHT_ANGLE_DEG = 90.0
 _HALF_TURN_DEG = 180.0
 
@@ -259,7 +257,7 @@ def _note_unread(recording: Recording, plane: str, zero: str, sense: str) -> Non
     for line, content in recording.lines_outside:
         text = content[:LONGEST_TEXT]
         if _is_unread(recording, line, text):
-            reason = quoted_line(line, text, "not understood", _TEXT_SHOWN)
+            reason = quoted_line(line, text, "not understood", TEXT_SHOWN)
             recording.note("angle", convention, reason, "--angle-zero, --angle-sense")
 
 
@@ -422,7 +420,7 @@ def _check_turned_axes(recording: Recording, plane: str) -> None:
                 continue
             axis = (match["axis"] or match["behind"]).upper()
             if axis == plane[0] and not _is_zero_given(recording):
-                shown = segment.strip()[:_TEXT_SHOWN]
+                shown = segment.strip()[:TEXT_SHOWN]
                 raise _unknown_zero(recording, cited_line(line), shown)
             if axis == plane[1] and not _is_sense_given(recording):
                 raise _unknown_sense(recording, cited_line(line), segment)
@@ -665,7 +663,7 @@ def _unknown_sense(recording: Recording, source: str | CitedLine, text: str) -> 
     """
     return OpenQuestionError(
         f"{recording.place}: angles must run clockwise or counter-clockwise, got"
-        f" {text.strip()[:_TEXT_SHOWN]!r} in {source}. Say which: --angle-sense CW or CCW.",
+        f" {text.strip()[:TEXT_SHOWN]!r} in {source}. Say which: --angle-sense CW or CCW.",
         "angle_sense",
         ("CW", "CCW"),
     )
@@ -698,7 +696,7 @@ def _check_no_axis(recording: Recording, source: str | CitedLine, text: str) -> 
     axes = [*_AXIS.findall(text), *_AXIS_ZERO.findall(text)]
     is_one_axis = len(axes) == 1 and not _OTHER_AXIS.search(text)
     if is_one_axis or _NO_AXIS.search(text):
-        raise _unknown_zero(recording, source, text.strip()[:_TEXT_SHOWN])
+        raise _unknown_zero(recording, source, text.strip()[:TEXT_SHOWN])
 
 
 def _unknown_zero(recording: Recording, source: str | CitedLine, shown: str) -> OpenQuestionError:

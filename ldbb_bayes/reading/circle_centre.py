@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 from ldbb_bayes.campaign.circular_test import CENTRE
-from ldbb_bayes.reading.cited_lines import quoted_line
+from ldbb_bayes.reading.cited_lines import TEXT_SHOWN, quoted_line
 from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT, could_be_thousands, number_in_text
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
@@ -39,8 +39,6 @@ _LETTER_AND_NUMBER = re.compile(rf"(?<!\w)([XYZ])\s?[:=]?\s?({NUMBER_IN_TEXT})",
 _OTHER_COORDINATES = re.compile(WORDS["circle"]["other_coordinates"], re.IGNORECASE)
 # Regular expression for a unit other than mm after a coordinate.
 _OTHER_UNIT = re.compile(r"\d\s?(?:[\"″]|(?:cm|m|in|inch|inches|[uµμ]m)(?!\w))", re.IGNORECASE)
-# A note shows at most this number of characters of a line.
-_TEXT_SHOWN = 60
 _OPTION = "a [[test]] in --layout"
 
 
@@ -110,7 +108,7 @@ def _centres_in(lines: Iterable[tuple[int | str, str]]) -> Iterator[_Centre]:
         is_other = _OTHER_COORDINATES.search(text) or _OTHER_UNIT.search(match[0])
         if not is_other:
             coordinates = _coordinates_of(match[0])
-        yield _Centre(line, match[0].strip()[:_TEXT_SHOWN], coordinates)
+        yield _Centre(line, match[0].strip()[:TEXT_SHOWN], coordinates)
 
 
 def _coordinates_of(text: str) -> dict[str, float]:

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-__all__ = ["CitedLine", "cited_line", "quoted_line", "with_words"]
+__all__ = ["TEXT_SHOWN", "CitedLine", "cited_line", "quoted_line", "with_words"]
 
+# A note or an error message shows at most this number of characters of a line or text of a file.
+TEXT_SHOWN = 60
 # Remarks on a line from which nothing was taken, although it may matter.
 _UNREAD = ("not understood", "not used")
 

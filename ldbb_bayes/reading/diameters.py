@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ldbb_bayes.errors import require
-from ldbb_bayes.reading.cited_lines import CitedLine, cited_line
+from ldbb_bayes.reading.cited_lines import TEXT_SHOWN, CitedLine, cited_line
 from ldbb_bayes.reading.measured_length import (
     doubles_readings,
     leaves_length_open,
@@ -15,9 +15,6 @@ from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.recording import Recording
 
 __all__ = ["halve_readings_of_diameter"]
-
-# An error message shows at most this number of characters of a text from a file.
-_TEXT_SHOWN = 60
 
 
 def halve_readings_of_diameter(recording: Recording) -> None:
@@ -72,7 +69,7 @@ def _check_open_lines(recording: Recording, is_stated: bool) -> None:
         if doubles_readings(text) or (leaves_length_open(text) and not is_stated):
             raise OpenQuestionError(
                 f"{recording.place}: readings must be of radius or diameter, got"
-                f" {text.strip()[:_TEXT_SHOWN]!r} in line {line}. Say which: --measured.",
+                f" {text.strip()[:TEXT_SHOWN]!r} in line {line}. Say which: --measured.",
                 "measured",
                 ("radius", "diameter"),
             )
@@ -80,7 +77,7 @@ def _check_open_lines(recording: Recording, is_stated: bool) -> None:
     if may_be_diameter(header) and not is_stated:
         raise OpenQuestionError(
             f"{recording.place}: readings must be of radius or diameter, got the header"
-            f" {header[:_TEXT_SHOWN]!r}. Say which: --measured.",
+            f" {header[:TEXT_SHOWN]!r}. Say which: --measured.",
             "measured",
             ("radius", "diameter"),
         )
@@ -88,7 +85,7 @@ def _check_open_lines(recording: Recording, is_stated: bool) -> None:
         if names_diameter(name) and not is_stated:
             raise OpenQuestionError(
                 f"{recording.place}: readings must be of radius or diameter, got the name"
-                f" {name[:_TEXT_SHOWN]!r}. Say which: --measured.",
+                f" {name[:TEXT_SHOWN]!r}. Say which: --measured.",
                 "measured",
                 ("radius", "diameter"),
             )

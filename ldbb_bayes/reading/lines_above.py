@@ -13,7 +13,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from ldbb_bayes.reading.bar_extensions import length_of_sum, names_extension
-from ldbb_bayes.reading.cited_lines import CitedLine
+from ldbb_bayes.reading.cited_lines import TEXT_SHOWN, CitedLine
 from ldbb_bayes.reading.dates import iso_date
 from ldbb_bayes.reading.force_laws import states_force_law
 from ldbb_bayes.reading.header_rows import names_any_role
@@ -228,8 +228,6 @@ _LIST_OF_NUMBERS = "several numbers"
 _WITH_EXTENSION = "a bar and an extension"
 # Smallest and largest length that may be the radius or diameter of a circle [µm].
 _RADII_UM = (2e4, 2e6)
-# A note shows at most this number of characters of a line.
-_LENGTH_SHOWN = 60
 # Regular expression for a text that ends with a word such as "under". In "under load", the word
 # "load" does not state a value.
 _UNDER = re.compile(
@@ -619,7 +617,7 @@ def unknown_length(lines: Lines) -> CitedLine | None:
         text = _UNIT_AND_NUMBER.sub(r"\2 \1", content[:LONGEST_TEXT])
         length = _possible_radius(text)
         if length:
-            return CitedLine(f"line {line} says {length[:_LENGTH_SHOWN]}, not taken", line, length)
+            return CitedLine(f"line {line} says {length[:TEXT_SHOWN]}, not taken", line, length)
     return None
 
 

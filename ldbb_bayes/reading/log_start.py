@@ -11,7 +11,7 @@ import re
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.angle_convention import angle_of_axis, says_where_angles_begin
-from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line
+from ldbb_bayes.reading.cited_lines import TEXT_SHOWN, CitedLine, cited_line, quoted_line
 from ldbb_bayes.reading.programmed_circles import ProgrammedArc, programmed_arcs
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
@@ -52,8 +52,6 @@ _SAME_START_DEG = 0.01
 # The start of a circle lies in the plane of the test if its coordinate along the third axis,
 # divided by the radius, is at most this value.
 _IN_PLANE = 1e-6
-# An error message shows at most this number of characters of a text from a file.
-_TEXT_SHOWN = 60
 
 
 def check_feed_is_whole(recording: Recording) -> None:
@@ -71,7 +69,7 @@ def check_feed_is_whole(recording: Recording) -> None:
         if match and float(match["percent"].replace(",", ".")) != _WHOLE_PERCENT:
             raise InputError(
                 f"{recording.place}: the feed must be that of the machine, got"
-                f" {content.strip()[:_TEXT_SHOWN]!r} in line {line}. Give --feed-mm-per-min."
+                f" {content.strip()[:TEXT_SHOWN]!r} in line {line}. Give --feed-mm-per-min."
             )
 
 
@@ -85,7 +83,7 @@ def unread_run_in(recording: Recording) -> CitedLine | None:
     """
     for line, content in (*recording.lines_of_all_tests, *recording.heading.lines_above):
         if _RUN_IN.search(content[:LONGEST_TEXT]):
-            return quoted_line(line, content, "not understood", _TEXT_SHOWN)
+            return quoted_line(line, content, "not understood", TEXT_SHOWN)
     return None
 
 
@@ -120,7 +118,7 @@ def start_at_axis(recording: Recording, plane: str) -> float | None:
         elif _is_unclear(text):
             raise InputError(
                 f"{recording.place}: a log over time must say where its circle starts, got"
-                f" {text.strip()[:_TEXT_SHOWN]!r} in line {line}. Give --start-deg and"
+                f" {text.strip()[:TEXT_SHOWN]!r} in line {line}. Give --start-deg and"
                 " --direction."
             )
     if len(axes) > 1:
@@ -216,6 +214,6 @@ def _start_in_plane(recording: Recording, arc: ProgrammedArc, plane: str) -> flo
     if not is_in_plane or math.hypot(first, second) <= limit:
         raise InputError(
             f"{recording.place}: a log over time must say where its circle starts, got"
-            f" {arc.text.strip()[:_TEXT_SHOWN]!r} in line {arc.line}. Give --start-deg."
+            f" {arc.text.strip()[:TEXT_SHOWN]!r} in line {arc.line}. Give --start-deg."
         )
     return math.degrees(math.atan2(second, first)) % 360.0

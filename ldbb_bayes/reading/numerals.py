@@ -17,6 +17,8 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.results import Array
 
 __all__ = [
+    "DAY_S",
+    "HOUR_S",
     "KEPT_CELLS",
     "NUMBER_IN_TEXT",
     "OTHER_MARK",
@@ -56,8 +58,8 @@ _CLOCK = re.compile(
     rf"(?:{_DATE})?(?:(?P<hours>\d{{1,2}}):)?(?P<minutes>\d{{1,2}}):"
     rf"(?P<seconds>\d{{1,2}}(?:[.,]\d{{1,9}})?)(?:{_ZONE})?"
 )
-_DAY_S = 86_400.0
-_HOUR_S = 3_600.0
+DAY_S = 86_400.0
+HOUR_S = 3_600.0
 # Texts that a file may write in a cell instead of a missing number.
 _MISSING = (
     "-",
@@ -342,8 +344,8 @@ def seconds_of(place: str, lines: Sequence[int], cells: Sequence[str]) -> Array:
         times = times - (np.array(zones) - zones[0])
     days = [entry.day for entry in clock_times if entry.day is not None]
     if len(days) == len(cells):
-        return times + _DAY_S * (np.array(days, dtype=float) - days[0])
-    period = _DAY_S if any(entry.has_hours for entry in clock_times) else _HOUR_S
+        return times + DAY_S * (np.array(days, dtype=float) - days[0])
+    period = DAY_S if any(entry.has_hours for entry in clock_times) else HOUR_S
     starts_again = np.diff(times) < -0.5 * period
     return times + period * np.concatenate([[0.0], np.cumsum(starts_again)])
 
@@ -370,7 +372,7 @@ def _clock_time(place: str, line: int, cell: str) -> _ClockTime:
         with suppress(ValueError):
             day = date.fromisoformat(match["date"]).toordinal()
     return _ClockTime(
-        seconds=_HOUR_S * hours + 60.0 * int(match["minutes"]) + seconds,
+        seconds=HOUR_S * hours + 60.0 * int(match["minutes"]) + seconds,
         has_hours=bool(match["hours"]),
         day=day,
         zone_s=_zone_seconds(match["zone"]),
@@ -383,7 +385,7 @@ def _zone_seconds(zone: str | None) -> float | None:
         return None
     if zone == "Z":
         return 0.0
-    size = _HOUR_S * int(zone[1:3]) + 60.0 * int(zone[-2:])
+    size = HOUR_S * int(zone[1:3]) + 60.0 * int(zone[-2:])
     return -size if zone[0] == "-" else size
 
 

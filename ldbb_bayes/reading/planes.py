@@ -12,7 +12,7 @@ from typing import Any
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.machine.chain import PLANES
-from ldbb_bayes.reading.cited_lines import CitedLine, quoted_line
+from ldbb_bayes.reading.cited_lines import TEXT_SHOWN, CitedLine, quoted_line
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
 
 __all__ = [
@@ -40,8 +40,6 @@ _FIRST_AXIS = re.compile(WORDS["planes"]["first_axis"], re.IGNORECASE)
 _SECOND_AXIS = re.compile(WORDS["planes"]["second_axis"], re.IGNORECASE)
 # Regular expression for the label "plane" in several languages, with the text after the label.
 _LABELLED = re.compile(WORDS["planes"]["labelled"], re.IGNORECASE)
-# A note shows at most this number of characters of a line.
-_LENGTH_SHOWN = 60
 
 
 def plane_named(cell: str) -> str:
@@ -172,5 +170,5 @@ def unread_plane(lines: Sequence[tuple[int | str, str]]) -> CitedLine | None:
     for line, content in lines:
         match = _LABELLED.search(content[:LONGEST_TEXT])
         if match is not None:
-            return quoted_line(line, match[0].strip(" ;|,"), "not understood", _LENGTH_SHOWN)
+            return quoted_line(line, match[0].strip(" ;|,"), "not understood", TEXT_SHOWN)
     return None

@@ -9,7 +9,7 @@ import re
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.bar_extensions import names_extension
-from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line
+from ldbb_bayes.reading.cited_lines import TEXT_SHOWN, CitedLine, cited_line, quoted_line
 from ldbb_bayes.reading.header_units import unit_of
 from ldbb_bayes.reading.line_parts import divide_line, finer_divisions, segments_of_line
 from ldbb_bayes.reading.names import LOAD_IN_NAME
@@ -96,8 +96,6 @@ _SIGNS = {
     frozenset({"positive", "shorter"}): -1,
     frozenset({"negative", "longer"}): -1,
 }
-# An error message shows at most this number of characters of a text from a file.
-_TEXT_SHOWN = 60
 
 
 def sign_of_readings(recording: Recording) -> int:
@@ -191,10 +189,10 @@ def _words_on_sign(text: str) -> str:
     """
     text = text.strip()
     first = _WORD.search(text)
-    if len(text) <= _TEXT_SHOWN or first is None:
-        return text[:_TEXT_SHOWN]
-    start = min(first.start(), len(text) - _TEXT_SHOWN)
-    return text[start:][:_TEXT_SHOWN]
+    if len(text) <= TEXT_SHOWN or first is None:
+        return text[:TEXT_SHOWN]
+    start = min(first.start(), len(text) - TEXT_SHOWN)
+    return text[start:][:TEXT_SHOWN]
 
 
 def _sign_of_difference(text: str) -> int | None:
@@ -376,7 +374,7 @@ def _note_unread(recording: Recording, source: str | CitedLine, text: str) -> No
     if not _explains_sign(text):
         return
     if recording.layout.sign is None and isinstance(source, CitedLine):
-        reason = quoted_line(source.line, text, "not understood", _TEXT_SHOWN)
+        reason = quoted_line(source.line, text, "not understood", TEXT_SHOWN)
         recording.note("sign of the reading", "1: a longer bar is positive", reason, "--sign")
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from ldbb_bayes.reading.assumptions import AssumptionLog, shown_list
 from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line
 from ldbb_bayes.reading.dates import iso_date
+from ldbb_bayes.reading.numerals import DAY_S
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.timestamps import (
     Rank,
@@ -31,7 +32,6 @@ from ldbb_bayes.results import Array
 
 __all__ = ["take_start_times"]
 
-_DAY_S = 86_400.0
 # If the times of day of the tests have no dates and span more than this [s], some tests may have
 # been run after midnight. This is assumed only if all tests span at most ``_NIGHT_S`` when the
 # early times are counted as times of the next day.
@@ -293,7 +293,7 @@ def _times_across_midnight(seconds: Array) -> Array:
         ordered = np.sort(seconds)
         largest_gap = int(np.argmax(np.diff(ordered)))
         after_midnight = seconds <= ordered[largest_gap]
-        shifted = seconds + _DAY_S * after_midnight
+        shifted = seconds + DAY_S * after_midnight
         if np.ptp(shifted) <= _NIGHT_S:
             seconds = shifted
     return seconds - seconds.min()
@@ -311,14 +311,14 @@ def _times_from_dates(stamps: Sequence[Timestamp], seconds: Array) -> _Times:
     times_by_order: dict[str, Array] = {}
     for order, days in _possible_days(stamps).items():
         ordinals = np.array([day.toordinal() for day in days], dtype=float)
-        since_first_day = _DAY_S * (ordinals - ordinals.min()) + seconds
+        since_first_day = DAY_S * (ordinals - ordinals.min()) + seconds
         times_by_order[order] = since_first_day - since_first_day.min()
     if not times_by_order:
         return _Times(None, "their dates do not fit together: days and months change places")
     candidates = list(times_by_order.values())
     if len(candidates) == 1 or np.array_equal(candidates[0], candidates[1]):
         return _Times(candidates[0], "")
-    within_a_day = [order for order, times in times_by_order.items() if times.max() <= _DAY_S]
+    within_a_day = [order for order, times in times_by_order.items() if times.max() <= DAY_S]
     open_stamp = _first_ambiguous_date(stamps)
     if len(within_a_day) != 1:
         return _Times(None, f"{open_stamp!r} may have the day or the month first")
@@ -377,7 +377,7 @@ def _note_times(starts: Sequence[_Start], times: _Times, log: AssumptionLog) -> 
     if in_order != list(range(len(starts))):
         log.add("", "order", "that of their times", "they are listed in another", _OPTIONS_TAKEN)
     span_s = float(seconds.max())
-    if span_s > _DAY_S:
-        days = round(span_s / _DAY_S, 1)
+    if span_s > DAY_S:
+        days = round(span_s / DAY_S, 1)
         reason = f"{days:g} days from the first test to the last, with one drift over all"
         log.add("", "time_s", "more than a day apart", reason, _OPTIONS_TAKEN)

@@ -15,7 +15,13 @@ import numpy as np
 
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.reading.angle_convention import name_is_about_angles
-from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line, with_words
+from ldbb_bayes.reading.cited_lines import (
+    TEXT_SHOWN,
+    CitedLine,
+    cited_line,
+    quoted_line,
+    with_words,
+)
 from ldbb_bayes.reading.column_units import is_unit_stated, unit_size
 from ldbb_bayes.reading.columns_of_tests import cells_of, columns_that_name_tests
 from ldbb_bayes.reading.header_units import unit_of
@@ -74,8 +80,6 @@ _WORDS_FOR_DIRECTIONS = (
     f"{_WRITE_DIRECTIONS} These are read, too: clockwise, counter-clockwise, Uhrzeigersinn, gegen"
     " den Uhrzeigersinn, UZS, GUZS, rechts, links, G2, G3."
 )
-# An error message shows at most this number of characters of a text from a file.
-_TEXT_SHOWN = 60
 
 
 class _Evidence(NamedTuple):
@@ -164,7 +168,7 @@ def _check_unit_of_loads(recording: Recording, key: str, source: str) -> None:
         line, text = stated
         raise InputError(
             f"{recording.place}: {key} must have its unit beside it, got none in {source}, and"
-            f" {text[:_TEXT_SHOWN]!r} in line {line}. Write the unit there, or give"
+            f" {text[:TEXT_SHOWN]!r} in line {line}. Write the unit there, or give"
             f" {option_for(key)}."
         )
 
@@ -326,7 +330,7 @@ def _question_on_load(recording: Recording, in_lines: Sequence[LoadInLine]) -> s
     if not lines:
         return ""
     line, text = lines[0]
-    return f" (is {text[:_TEXT_SHOWN]!r} in line {line} the load?)"
+    return f" (is {text[:TEXT_SHOWN]!r} in line {line} the load?)"
 
 
 def _check_force_is_positive(
@@ -362,7 +366,7 @@ def _load_of_lines(recording: Recording, in_lines: Sequence[LoadInLine]) -> dict
     load = load_of_lines(in_lines)
     if load is None:
         return {}
-    reason = quoted_line(load.line, load.text, longest=_TEXT_SHOWN)
+    reason = quoted_line(load.line, load.text, longest=TEXT_SHOWN)
     value_and_unit = f"{load.value:.6g} {UNITS_SHOWN[load.key]}"
     recording.note(load.key, value_and_unit, reason, option_for(load.key))
     return {load.key: load.value}
@@ -558,7 +562,7 @@ def _contradiction_of(senses: set[str]) -> str:
     """
     unread = sorted(senses - {"CW", "CCW"})
     if unread:
-        return f"the file says {', '.join(unread)[:_TEXT_SHOWN]!r}, not understood"
+        return f"the file says {', '.join(unread)[:TEXT_SHOWN]!r}, not understood"
     return "the file says the other"
 
 
@@ -603,7 +607,7 @@ def direction_of(recording: Recording) -> str | None:
         words = ", ".join(sorted(column_senses))
         raise InputError(
             f"{recording.place}, line {max(column_senses.values())}: direction must be CW or CCW in"
-            f" all rows of a test, got {words[:_TEXT_SHOWN]!r}."
+            f" all rows of a test, got {words[:TEXT_SHOWN]!r}."
             f" {_advice_on_directions(recording, column_senses)}"
         )
     require(

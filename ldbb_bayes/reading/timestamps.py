@@ -13,6 +13,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from ldbb_bayes.reading.dates import iso_date
+from ldbb_bayes.reading.numerals import DAY_S, HOUR_S
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
 
 __all__ = [
@@ -134,13 +135,11 @@ _STAMP_IN_NAME = re.compile(
 # Regular expression for a date whose first two numbers may be day and month, or month and day.
 _OPEN_DATE = re.compile(r"(\d\d?)[/-](\d\d?)[/-](\d{4}|\d\d)")
 _CENTURY = 2000
-_HOUR_S = 3_600.0
 _MINUTE_S = 60.0
 # Earliest and latest time of a test, in seconds since 1970: the beginning of 2000 and of 2100.
 _EPOCH_S = (946_684_800.0, 4_102_444_800.0)
-# Day that spreadsheets count as 0, and length of a day.
+# Day that spreadsheets count as 0.
 _DAY_ZERO = datetime(1899, 12, 30, tzinfo=UTC)
-_DAY_S = 86_400.0
 # Regular expression for a date and time that a spreadsheet writes as a number of days.
 _SERIAL = re.compile(r"\d{5}[.,]\d+")
 # Regular expression for a line that is nothing but a label and a number.
@@ -442,7 +441,7 @@ def _seconds_of(fields: dict[str, str]) -> float | None:
             hours += 12
     if hours > 23 or minutes > 59 or seconds >= 60.0:
         return None
-    return _HOUR_S * hours + _MINUTE_S * minutes + seconds
+    return HOUR_S * hours + _MINUTE_S * minutes + seconds
 
 
 def _is_end_of_span(fields: dict[str, str]) -> bool:
@@ -463,11 +462,11 @@ def _zone_of(text: str) -> float | None:
     if not word:
         return None
     if word in _ZONES_H:
-        return _HOUR_S * _ZONES_H[word]
+        return HOUR_S * _ZONES_H[word]
     offset = re.search(r"([+-])(\d\d?)(?::?(\d\d))?$", word)
     if offset is None:
         return 0.0
-    size = _HOUR_S * int(offset[2]) + _MINUTE_S * int(offset[3] or 0)
+    size = HOUR_S * int(offset[2]) + _MINUTE_S * int(offset[3] or 0)
     return float(f"{offset[1]}1") * size
 
 
@@ -514,7 +513,7 @@ def epoch_stamp(header: str, text: str) -> Timestamp | None:
     if re.fullmatch(r"\d{9,13}(?:\.\d+)?", text):
         when = _time_since_1970(float(text))
     elif _SERIAL.fullmatch(text) and _WORDS["date"].search(header):
-        when = _DAY_ZERO + timedelta(seconds=round(_DAY_S * float(text.replace(",", "."))))
+        when = _DAY_ZERO + timedelta(seconds=round(DAY_S * float(text.replace(",", "."))))
     if when is None or not _EPOCH_S[0] <= when.timestamp() <= _EPOCH_S[1]:
         return None
     midnight = when.replace(hour=0, minute=0, second=0, microsecond=0)

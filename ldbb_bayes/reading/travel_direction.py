@@ -9,6 +9,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from ldbb_bayes.reading.cited_lines import TEXT_SHOWN
 from ldbb_bayes.reading.line_parts import segments_of_line, statements_of_line
 from ldbb_bayes.reading.names import LOAD_IN_NAME
 from ldbb_bayes.reading.programmed_circles import programs_arc
@@ -101,8 +102,6 @@ _RUN_WITH_SENSE = re.compile(
 _RUN_IN_FRONT = re.compile(rf"^(?:{WORDS['names']['run']})\s+", re.IGNORECASE)
 # Regular expression for words which show that a line is not about the angles of the readings.
 _NO_ANGLES = re.compile(WORDS["angle_convention"]["other"], re.IGNORECASE)
-# A note shows at most this number of characters of a line.
-_LENGTH_SHOWN = 60
 
 
 class UnreadDirection(NamedTuple):
@@ -442,7 +441,7 @@ def unread_direction(lines: Sequence[tuple[int | str, str]]) -> UnreadDirection 
         for statement in statements_of_line(text, _is_about_angles_and_travel):
             unread = _part_not_understood(statement)
             if unread:
-                return UnreadDirection(line, unread.strip()[:_LENGTH_SHOWN])
+                return UnreadDirection(line, unread.strip()[:TEXT_SHOWN])
     return None
 
 

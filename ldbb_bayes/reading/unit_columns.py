@@ -14,7 +14,7 @@ from ldbb_bayes.reading.unit_lines import (
     is_unit_with_unread_factor,
     partner_of_units,
 )
-from ldbb_bayes.reading.unit_rows import UNITS_OF_FEED
+from ldbb_bayes.reading.unit_rows import LARGEST_FACTOR, UNITS_OF_FEED
 from ldbb_bayes.reading.words import ROLES, UNITS, WORDS, comparable, scaled_unit, unit_named
 
 __all__ = ["unit_columns"]
@@ -26,9 +26,6 @@ _PLAIN_UNITS = frozenset(
 )
 # Regular expression for the header of a column of feeds.
 _FEED = re.compile(WORDS["numbers"]["feed_mm_per_min"]["words"], re.IGNORECASE)
-# A column of units may have no header. A unit in such a column may have a factor up to this number,
-# such as 10 in 10 nm.
-_LARGEST_FACTOR = 10.0
 
 
 def unit_columns(
@@ -141,4 +138,4 @@ def _is_plain_unit(text: str, is_nameless: bool) -> bool:
     factor, _, name = scaled_unit(text).rpartition(" ")
     if name not in _PLAIN_UNITS:
         return False
-    return not factor or (is_nameless and float(factor) <= _LARGEST_FACTOR)
+    return not factor or (is_nameless and float(factor) <= LARGEST_FACTOR)

@@ -16,7 +16,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import ForceLaw
-from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line, with_words
+from ldbb_bayes.reading.cited_lines import (
+    TEXT_SHOWN,
+    CitedLine,
+    cited_line,
+    quoted_line,
+    with_words,
+)
 from ldbb_bayes.reading.column_units import is_unit_stated
 from ldbb_bayes.reading.lines_above import Lines, statements_in
 from ldbb_bayes.reading.loads_in_lines import unit_of_all_loads
@@ -44,8 +50,6 @@ _NEAR_RADIUS = 0.05
 # If the median absolute deviation of the readings is below this fraction of their median, the
 # readings may be distances between the balls.
 _SMALL_SCATTER = 0.01
-# An error message shows at most this number of characters of a line.
-_TEXT_SHOWN = 60
 # Largest deviation from the radius that a bar can measure [µm].
 _LARGEST_DEVIATION_UM = 1500.0
 # The largest reading divided by the largest force is assumed to be at least this [µm/N], because
@@ -196,7 +200,7 @@ def _assume_reading_unit(recordings: Sequence[Recording], campaign: Mapping[str,
         if mentions_scale(text):
             raise OpenQuestionError(
                 f"{recordings[0].place}: readings must have a unit, got none, and"
-                f" {text.strip()[:_TEXT_SHOWN]!r} in line {line}. Say which: --unit.",
+                f" {text.strip()[:TEXT_SHOWN]!r} in line {line}. Say which: --unit.",
                 "reading_unit",
                 list(UNITS["reading"]),
             )
@@ -247,14 +251,14 @@ def _check_factors(recording: Recording) -> None:
     header = recording.heading.headers[column]
     unit = recording.heading.units[column]
     if _has_unread_factor(header, unit):
-        raise _unread_factor(recording, f"the header {header[:_TEXT_SHOWN]!r}")
+        raise _unread_factor(recording, f"the header {header[:TEXT_SHOWN]!r}")
     for line, content in _lines_about_test(recording):
-        text = content.strip()[:_TEXT_SHOWN]
+        text = content.strip()[:TEXT_SHOWN]
         is_multiplied = multiplies_readings(content) and not doubles_readings(content)
         if is_multiplied or (unit and states_gain(content)):
             raise _unread_factor(recording, f"{text!r} in line {line}")
         if unit and (mentions_scale(content) or _mentions_other(line, content, unit)):
-            reason = quoted_line(line, content, "not used", _TEXT_SHOWN)
+            reason = quoted_line(line, content, "not used", TEXT_SHOWN)
             recording.note("unit of the reading", unit, reason, "--unit")
 
 
@@ -316,13 +320,13 @@ def _check_mentions(recording: Recording, unit: str) -> str | CitedLine:
             mentioned = mentioned or inch_alone(text) or unknown_unit_in(text)
             mentioned = mentioned or _other_fraction(text, unit)
         if mentioned == unit:
-            note = with_words(source, f" says {text.strip()[:_TEXT_SHOWN]!r}")
+            note = with_words(source, f" says {text.strip()[:TEXT_SHOWN]!r}")
         if not isinstance(source, CitedLine) and _COUNTS_OR_SCALED_UNIT.search(text):
             mentioned = text
         if mentioned not in ("", unit):
             raise OpenQuestionError(
                 f"{recording.place}: readings must have a unit, got none, numbers that fit {unit},"
-                f" and {text.strip()[:_TEXT_SHOWN]!r} in {source}. Say which: --unit.",
+                f" and {text.strip()[:TEXT_SHOWN]!r} in {source}. Say which: --unit.",
                 "reading_unit",
                 list(UNITS["reading"]),
             )

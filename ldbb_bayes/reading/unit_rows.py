@@ -10,6 +10,7 @@ from ldbb_bayes.reading.words import WORDS, comparable, scaled_unit
 
 __all__ = [
     "COMMENT_SIGN",
+    "LARGEST_FACTOR",
     "UNITS_OF_FEED",
     "joined_factors",
     "row_of_units",
@@ -29,7 +30,7 @@ _FACTOR = re.compile(r"[\[({]?(?:1/)?\d+(?:[.,]\d+)?[x×*]?")
 UNITS_OF_FEED = frozenset(WORDS["numbers"]["feed_mm_per_min"]["units"])
 # Largest number that may precede a unit in a row of units, such as 10 in "10 nm". After a larger
 # number, as in "100 mm", the cell is a length and not a unit.
-_LARGEST_FACTOR = 10.0
+LARGEST_FACTOR = 10.0
 # Largest number of characters of an unknown unit in a row of units. The second number applies to a
 # row with at least ``_MANY_UNITS`` known units, the first number to any other row.
 _LONGEST_UNIT = 4
@@ -87,7 +88,7 @@ def _unit_in_row(text: str) -> str:
     """
     unit = scaled_unit(text)
     factor, _, _ = unit.rpartition(" ")
-    if factor and float(factor) > _LARGEST_FACTOR:
+    if factor and float(factor) > LARGEST_FACTOR:
         return ""
     return unit
 

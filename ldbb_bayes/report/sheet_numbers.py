@@ -20,6 +20,7 @@ from ldbb_bayes.analysis.compliance_change import change_with_force
 from ldbb_bayes.analysis.directional_stiffness import stiffness
 from ldbb_bayes.analysis.measured_paths import FULL_CIRCLE_DEG, measure_circularity
 from ldbb_bayes.analysis.posterior_verdicts import judge_at_force
+from ldbb_bayes.analysis.stated_quantities import HARDLY_POSITIVE
 from ldbb_bayes.analysis.tilt_levers import largest_lever_mm
 from ldbb_bayes.analysis.usability import Judgement, Use, judge_certificate, undetermined_parameters
 from ldbb_bayes.inference.force_curves import draws_at
@@ -45,9 +46,6 @@ if TYPE_CHECKING:
 
 __all__ = ["SheetNumbers"]
 
-# If the credible interval of a compliance C begins below this fraction of the median of C, the test
-# certificate states only a lower limit of the stiffness 1 / C.
-_HARDLY_POSITIVE = 0.2
 # Table for ``str.translate`` that replaces the letter of a rotation (A, B or C) by the letter of
 # the axis about which it turns (X, Y or Z).
 _ROTATED_AXIS = str.maketrans("ABC", "XYZ")
@@ -299,7 +297,7 @@ class SheetNumbers:
         median = summary["median"]
         low = summary["ci_low"]
         high = summary["ci_high"]
-        smallest = _HARDLY_POSITIVE * median
+        smallest = HARDLY_POSITIVE * median
         limit = ""
         sd = np.nan
         if low > smallest > 0.0:

@@ -15,7 +15,11 @@ from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.campaign.circular_test import planned_angles
 from ldbb_bayes.machine.chain import PLANES
 
-__all__ = ["Clocking", "add_foreseen_tests", "grid_of_tests", "templates"]
+__all__ = ["VERY_MANY_REPETITIONS", "Clocking", "add_foreseen_tests", "grid_of_tests", "templates"]
+
+# The uncertainty that would remain after very many circles is computed as if each candidate circle
+# were run this number of times.
+VERY_MANY_REPETITIONS = 1e6
 
 # Clocking of a test: pair of angles by which the work ball and the tool ball are turned in their
 # sockets [°].

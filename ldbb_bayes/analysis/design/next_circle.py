@@ -44,7 +44,7 @@ from ldbb_bayes.analysis.design.candidate_covariances import (
     CandidateCovariances,
     covariances_with_scatter,
 )
-from ldbb_bayes.analysis.design.candidates import Clocking
+from ldbb_bayes.analysis.design.candidates import VERY_MANY_REPETITIONS, Clocking
 from ldbb_bayes.analysis.design.circles_to_go import CirclesToGo, count_circles_to_go
 from ldbb_bayes.analysis.design.criteria import Determinant
 from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, Goal, goals_in
@@ -71,9 +71,6 @@ from ldbb_bayes.results import Array, ByParameter, EitherSpelling, Records, Resu
 
 __all__ = ["NextCircle", "next_circle"]
 
-# The uncertainty after very many circles is computed as if each possible circle were run this
-# number of times.
-_VERY_MANY = 1e6
 # Number of possible next circles that the result lists, the best first.
 _LISTED = 5
 # Default number of force levels to choose from, in equal steps over the range of the campaign.
@@ -561,7 +558,7 @@ def _covariances_after_very_many(objective: Objective) -> Array:
     """
     rows = objective.rows
     information = (np.swapaxes(rows, -1, -2) @ rows).sum(axis=1)
-    return np.linalg.inv(objective.prior + _VERY_MANY * information)[
+    return np.linalg.inv(objective.prior + VERY_MANY_REPETITIONS * information)[
         :, -objective.interest :, -objective.interest :
     ]
 

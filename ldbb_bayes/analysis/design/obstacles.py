@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ldbb_bayes.analysis.design.campaign_family import CampaignFamily
+from ldbb_bayes.analysis.design.candidates import VERY_MANY_REPETITIONS
 from ldbb_bayes.analysis.design.certificate_offers import CertificateOffer
 from ldbb_bayes.analysis.design.possible_certificates import possible_certificates
 from ldbb_bayes.analysis.design.states import extend_hyper_parameters
@@ -27,9 +28,6 @@ __all__ = ["NearMiss", "Obstacle", "near_miss_of", "obstacles_of"]
 # A certificate is recommended only if it is useful enough: after very many circles, the uncertainty
 # with the certificate must be less than this share of the uncertainty without the certificate.
 _WORTH_SHARE = 0.9
-# The uncertainties that would remain after very many circles are computed as if each possible
-# circle were run this number of times.
-_VERY_MANY = 1e6
 _ALL_CERTIFICATES = "all certificates together"
 
 
@@ -269,6 +267,6 @@ def _as_if_run_very_often(information: Information, tests_run: int) -> Informati
     # result, too, their entries are one and the same dictionary.
     averaged: dict[int, dict[str, Array]] = {}
     for noises in information.noise[tests_run:]:
-        averaged[id(noises)] = {name: cov / _VERY_MANY for name, cov in noises.items()}
+        averaged[id(noises)] = {name: cov / VERY_MANY_REPETITIONS for name, cov in noises.items()}
     planned = tuple(averaged[id(noises)] for noises in information.noise[tests_run:])
     return replace(information, noise=(*information.noise[:tests_run], *planned))

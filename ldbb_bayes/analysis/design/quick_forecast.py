@@ -23,6 +23,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.special import logsumexp
 
+from ldbb_bayes.analysis.design.candidates import VERY_MANY_REPETITIONS
 from ldbb_bayes.analysis.design.goals import Goal
 from ldbb_bayes.analysis.design.objective import Objective
 from ldbb_bayes.analysis.design.states import States
@@ -42,9 +43,6 @@ _MOST_PASSES = 4
 # at most this number are treated as equal, and the first of the candidates is chosen. An exchange
 # of circles must reduce the distance by more than this number.
 _LEAST_GAIN = 1e-9
-# The uncertainties that would remain after very many circles are computed as if every candidate
-# test were run this number of times.
-_VERY_MANY = 1e6
 
 
 def limits_of_goals(goals: Mapping[str, Goal], states: States, names: Sequence[str]) -> Array:
@@ -109,7 +107,7 @@ class QuickForecast:
 
     def floor(self) -> Array:
         """Return ln(u/u*) of every goal if every candidate were run very often, shape (goals,)."""
-        return self.distances(np.full(self.candidates, _VERY_MANY))
+        return self.distances(np.full(self.candidates, VERY_MANY_REPETITIONS))
 
     def best_counts(self, circles: int, start: Array) -> Array:
         """Return the number of circles of each candidate test in the best campaign.

@@ -8,6 +8,7 @@ from typing import Any
 from ldbb_bayes.units import display_name, interval_statement
 
 __all__ = [
+    "SMALLEST_SHOWN_PROBABILITY",
     "SURE",
     "changes_by_words",
     "direction_words",
@@ -21,7 +22,7 @@ __all__ = [
 ]
 
 # Probabilities below this value, which would be rounded to 0.000, are stated as "< 0.001".
-_UNLIKELY = 5e-4
+SMALLEST_SHOWN_PROBABILITY = 5e-4
 # p-values below this value, which may be too small for a floating-point number, are stated as
 # "< 0.0001".
 _LEAST_P_VALUE = 1e-4
@@ -59,9 +60,9 @@ def probability_words(probability: float) -> str:
 
     The string is "< 0.001" for a probability near 0, and "> 0.999" for a probability near 1.
     """
-    if probability < _UNLIKELY:
+    if probability < SMALLEST_SHOWN_PROBABILITY:
         return "< 0.001"
-    if probability >= 1.0 - _UNLIKELY:
+    if probability >= 1.0 - SMALLEST_SHOWN_PROBABILITY:
         return "> 0.999"
     return f"{probability:.3f}"
 
