@@ -9,6 +9,7 @@ from difflib import SequenceMatcher
 from typing import NamedTuple, SupportsIndex
 
 __all__ = [
+    "LONGEST_MESSAGE",
     "InputError",
     "check_known",
     "check_probability",
@@ -16,6 +17,7 @@ __all__ = [
     "nearest",
     "placed",
     "plain_reason",
+    "quoted_reason",
     "require",
     "require_whole",
     "suggestion",
@@ -24,6 +26,8 @@ __all__ = [
 # Largest length of an error message [characters]. The middle of a longer message is left out.
 # Messages may be long because they quote files.
 LONGEST_MESSAGE = 1200
+# If a library cannot read a file, at most this many characters of its error message are quoted.
+_LONGEST_QUOTED_REASON = 120
 # A name is suggested instead of a misspelt name only if at least this fraction of the letters of
 # the two names match.
 _LEAST_SIMILARITY = 0.4
@@ -213,6 +217,11 @@ def suggestion(name: str, known: Iterable[str]) -> str:
     if SequenceMatcher(None, similar, stated).ratio() < _LEAST_SIMILARITY:
         return ""
     return f" Did you mean {candidate!r}?"
+
+
+def quoted_reason(error: BaseException) -> str:
+    """Return the beginning of a library's error message, in one line, to quote it in another."""
+    return " ".join(str(error).split())[:_LONGEST_QUOTED_REASON]
 
 
 def plain_reason(error: BaseException) -> str | None:

@@ -17,7 +17,6 @@ __all__ = ["AnsweringProcess"]
 MOST_WAITING = 100  # largest number of requests that wait for an answer; more are refused
 ANSWER_S = 120.0  # longest time for the answer to one request of a browser page [s]
 _ATTEMPTS = 2  # largest number of attempts to answer a request; the last attempt uses a new process
-_LONGEST_MESSAGE = 300
 
 
 class AnsweringProcess:
@@ -68,8 +67,7 @@ class AnsweringProcess:
             async with self._turn:
                 return await self._answer(call, session)
         except Exception as error:  # noqa: BLE001 - the browser page shows an error of any kind
-            message = f"{type(error).__name__}: {error}"
-            return session.refusal("unexpected", error=message[:_LONGEST_MESSAGE])
+            return session.refusal("unexpected", error=worker.unexpected_message(error))
         finally:
             self._waiting -= 1
 

@@ -25,12 +25,21 @@ from ldbb_bayes.cli.output import Output
 from ldbb_bayes.cli.progress import Begin, steps_of
 from ldbb_bayes.files import write_whole
 
-__all__ = ["CHOICES_NAME", "OUTCOME_NAME", "PROGRESS_NAME", "answer", "main", "warm"]
+__all__ = [
+    "CHOICES_NAME",
+    "OUTCOME_NAME",
+    "PROGRESS_NAME",
+    "answer",
+    "main",
+    "unexpected_message",
+    "warm",
+]
 
 # name of the file with the texts that the user typed on the browser page
 CHOICES_NAME = "said.json"
 PROGRESS_NAME = "progress.json"  # name of the file with the progress of a computation
 OUTCOME_NAME = "outcome.json"  # name of the file with a computation's result or error message
+# Largest length of the message about an unexpected error that the browser page shows [characters].
 _LONGEST_MESSAGE = 300
 _LOOK_AT_PARENT_S = 1.0  # time between two checks of whether the server's process still runs [s]
 
@@ -65,6 +74,11 @@ def answer(work: Callable[..., dict[str, Any]], folder: str, *arguments: Any) ->
         return {"refused": refusal(error, Path(folder))}
 
 
+def unexpected_message(error: Exception) -> str:
+    """Return the class and the beginning of the message of an unexpected error, for the page."""
+    return f"{type(error).__name__}: {error}"[:_LONGEST_MESSAGE]
+
+
 def main() -> None:
     """Run the fit or the search for one browser tab, in a process that the server has started.
 
@@ -80,8 +94,7 @@ def main() -> None:
     try:
         outcome = answer(_COMPUTATIONS[sys.argv[3]], str(job), choices)
     except Exception as error:  # noqa: BLE001 - an error of any kind is shown on the browser page
-        message = f"{type(error).__name__}: {error}"
-        outcome = {"unexpected": message[:_LONGEST_MESSAGE]}
+        outcome = {"unexpected": unexpected_message(error)}
     write_whole(job / OUTCOME_NAME, json.dumps(outcome).encode())
 
 

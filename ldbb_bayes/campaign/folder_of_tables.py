@@ -8,11 +8,9 @@ from itertools import islice
 from pathlib import Path
 
 from ldbb_bayes.campaign.campaign_writer import TOML_NAME
+from ldbb_bayes.files.similar_names import MOST_ENTRIES
 
 __all__ = ["advice_on_folder"]
-
-# Largest number of names in a folder that are looked at.
-_MOST_NAMES = 2000
 
 
 def advice_on_folder(folder: Path) -> str:
@@ -33,7 +31,7 @@ def advice_on_folder(folder: Path) -> str:
         Advice, such as "Name one of the campaigns in it, such as shop/mill_1."
     """
     try:
-        entries = sorted(entry for entry in islice(folder.iterdir(), _MOST_NAMES))
+        entries = sorted(islice(folder.iterdir(), MOST_ENTRIES))
         campaigns = [entry for entry in entries if (entry / TOML_NAME).is_file()]
         files = [entry for entry in entries if entry.is_file() and entry.name[:1] != "."]
     except OSError:

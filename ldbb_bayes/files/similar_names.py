@@ -8,13 +8,13 @@ from pathlib import Path
 
 from ldbb_bayes.errors import nearest
 
-__all__ = ["advice_on_path"]
+__all__ = ["MOST_ENTRIES", "advice_on_path"]
 
 # Two names count as similar if their similarity, computed by `difflib.SequenceMatcher.ratio`, is at
 # least this value.
 _SIMILAR = 0.6
-# Largest number of names in a folder with which a misspelt name is compared.
-_MOST_NAMES = 2000
+# Largest number of entries of a folder that are looked at for advice on a path.
+MOST_ENTRIES = 2000
 
 
 def advice_on_path(path: Path) -> str:
@@ -38,7 +38,7 @@ def advice_on_path(path: Path) -> str:
         if not folder.exists():
             return f"There is no folder {folder}. Check the path."
     try:
-        names = [entry.name for entry in islice(path.parent.iterdir(), _MOST_NAMES)]
+        names = [entry.name for entry in islice(path.parent.iterdir(), MOST_ENTRIES)]
     except OSError:
         return "Check the path."
     if not names:

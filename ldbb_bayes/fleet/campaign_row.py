@@ -28,7 +28,7 @@ from ldbb_bayes.analysis.tolerances import (
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import labels_of, read_campaign
 from ldbb_bayes.campaign.placed_circles import placed_circles
-from ldbb_bayes.errors import InputError, check_known, plain_reason
+from ldbb_bayes.errors import LONGEST_MESSAGE, InputError, check_known, plain_reason
 from ldbb_bayes.fleet.campaign_statistics import sufficient_statistics
 from ldbb_bayes.fleet.dataset import PARAMETER_COLUMNS
 from ldbb_bayes.fleet.linear_or_constant import linear_over_constant
@@ -48,8 +48,6 @@ __all__ = ["Job", "Settings", "check_tolerances", "failed_row", "fit_row"]
 # [nat]. The error of the log Bayes factor is then at most 0.1 nat, too little to change a decision
 # between constant and linear compliance.
 _EVIDENCE_TOLERANCE = 0.05
-# Largest length of the text that states why a campaign could not be fitted [characters].
-_LONGEST_REASON = 1200
 # Attributes of `Campaign` that are copied into columns of a batch's table with the same names.
 _CAMPAIGN_COLUMNS = (
     "name",
@@ -208,7 +206,7 @@ def _reason(error: Exception, job: Job) -> str:
             " report it."
         )
     one_line = " ".join(reason.split())
-    return one_line[:_LONGEST_REASON].replace(job.absolute_path, job.path)
+    return one_line[:LONGEST_MESSAGE].replace(job.absolute_path, job.path)
 
 
 def _settings_columns(settings: Settings, job: Job) -> dict[str, Any]:

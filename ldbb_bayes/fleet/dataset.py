@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pandas as pd
 
-from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.errors import InputError, check_known, quoted_reason
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -70,8 +70,6 @@ _CONFORMITY_TYPES = {"probability": "double", "decision": "string"}
 # Number of rows in one row group of the Parquet file with a batch's table. The rows of a group are
 # written together.
 _ROWS_PER_GROUP = 1024
-# If a file cannot be read, at most this many characters of the library's error message are quoted.
-_LONGEST_REASON = 120
 # Contents of columns.toml: the names of the columns of a batch's table, and the Arrow types of the
 # columns.
 _TABLE: Mapping[str, Any] = tomllib.loads(
@@ -472,7 +470,7 @@ def _read_table(
             table = file.read(columns)
             table.validate(full=True)
     except (pa.ArrowException, OSError, ValueError) as error:
-        reason = " ".join(str(error).split())[:_LONGEST_REASON]
+        reason = quoted_reason(error)
         if (path.parent / JOURNAL).is_file():
             raise InputError(
                 f"{path} must be the table of a batch, got a damaged file ({reason}). Remove it and"

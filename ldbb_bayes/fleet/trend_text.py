@@ -83,6 +83,7 @@ def _table_row(name: str, parameter: ParameterChange) -> list[str]:
         common = f"{round_uncertainty(2.0 * parameter.common_sd * factor)[0]} {unit}"
     size = _NOTHING
     percent = _NOTHING
+    # Beside a probability that is shown as zero, no size of the change is stated.
     if parameter.probability >= SMALLEST_SHOWN_PROBABILITY:
         change = parameter.change
         size = plus_minus(change.mean, change.sd, change.interval, parameter.unit)

@@ -39,6 +39,9 @@ __all__ = [
 # value is refused.
 _LARGEST_LOG_PROBABILITY = 0.1
 
+# Error allowed in the log probability that no compliance is negative, or in the logarithm of each
+# of the two integrals of which it is the ratio [nat].
+_PROBABILITY_TOLERANCE = 0.02
 # The probability that no compliance is negative is first computed as a mean over a sample of values
 # of the hyper-parameters. This mean is used only if its logarithm is above this limit. Values
 # outside the sample can then hardly change the mean, because the probability at each value is at
@@ -203,13 +206,13 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
     return evidence.log_value - other.log_value, evidence.error + other.error
 
 
-def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> ProbabilityInside:
+def log_prob_truncation(truncated: HyperPosterior) -> ProbabilityInside:
     """Return ln P and its error [nat]; P is the probability that no compliance is negative.
 
     P is the probability under the posterior that allows negative compliances. It is first computed
     for each of at least 256 values of the hyper-parameters (such as the standard deviation of the
-    noise), and averaged over these values. The average is used if its error is at most
-    ``tolerance`` and ln P is above −2. Otherwise a few values of the hyper-parameters may dominate
+    noise), and averaged over these values. The average is used if its error is at most 0.02 nat and
+    ln P is above −2. Otherwise a few values of the hyper-parameters may dominate
     the average. P is then computed as a ratio of two integrals of the posterior density over the
     hyper-parameters: with and without the condition that no compliance is negative.
 
@@ -217,15 +220,16 @@ def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> P
     ----------
     truncated : HyperPosterior
         Posterior density of the hyper-parameters with the condition that no compliance is negative.
-    tolerance : float
-        Error allowed in ln P, or in the logarithm of each of the two integrals [nat].
     """
     if truncated.without_truncation.weighted_sample.trusted:
         coarse = truncated.coarse_probability
-        if coarse.error <= tolerance and coarse.log_value > _LEAST_COARSE_LOG_PROBABILITY:
+        if (
+            coarse.error <= _PROBABILITY_TOLERANCE
+            and coarse.log_value > _LEAST_COARSE_LOG_PROBABILITY
+        ):
             return ProbabilityInside(min(coarse.log_value, 0.0), coarse.error)
-    untruncated = compute_nodes(truncated.without_truncation, tolerance)
-    inside = compute_nodes(truncated, tolerance)
+    untruncated = compute_nodes(truncated.without_truncation, _PROBABILITY_TOLERANCE)
+    inside = compute_nodes(truncated, _PROBABILITY_TOLERANCE)
     error = inside.error + untruncated.error
     log_value = inside.integral.log_integral - untruncated.integral.log_integral
     require(

@@ -28,6 +28,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["importance_sample", "refit_sample", "sample_similar"]
 
+# Largest number of points of a round, unless the caller states another one.
+_MOST_POINTS = 65_536
 # Distances from a mode at which the density to integrate is evaluated, on both sides along every
 # direction. The unit is a standard deviation of the Gaussian fitted at the mode.
 _ALONG_AXIS = np.array([0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0])
@@ -138,7 +140,7 @@ def importance_sample(
     *,
     tolerance: float = 1e-2,
     seed: int = 0,
-    max_points: int = 65_536,
+    max_points: int = _MOST_POINTS,
     tries: int = 3,
 ) -> Integral:
     """Return the integral ∫ f of a density, computed from quasi-random points in several rounds.
@@ -220,7 +222,6 @@ def sample_similar(
     *,
     tolerance: float = 1e-2,
     seed: int = 0,
-    max_points: int = 65_536,
 ) -> Integral:
     """Return the integral of a density that is similar to the density of an earlier sample.
 
@@ -238,12 +239,10 @@ def sample_similar(
         Error allowed in the log integral [nat].
     seed : int
         Seed of the randomised quasi-random sequences.
-    max_points : int
-        Largest number of points of a round.
     """
     fitted = _without_wider(_proposal_of(earlier))
     size = 1 << int(np.log2(len(earlier.free) // (2 * _SCRAMBLES)))
-    return _best_after(earlier, log_density, fitted, size, tolerance, seed, max_points)
+    return _best_after(earlier, log_density, fitted, size, tolerance, seed, _MOST_POINTS)
 
 
 def refit_sample(

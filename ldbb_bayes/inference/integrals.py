@@ -347,11 +347,11 @@ def _sorted_by_coordinates(points: Array) -> Index:
     return np.lexsort(points.T)
 
 
-def in_chunks(log_density: Callable[..., Array], points: Array, size: int = CHUNK) -> Array:
-    """Return a log density at n points, shape (n,), evaluated for at most ``size`` points at once.
+def in_chunks(log_density: Callable[..., Array], points: Array) -> Array:
+    """Return a log density at n points, shape (n,), evaluated for at most 256 points at once.
 
     ``points`` is an array of length n. ``log_density`` is a function that takes some of the points
     and returns one number for each of them.
     """
-    chunks = np.array_split(points, max(1, -(-len(points) // size)))
+    chunks = np.array_split(points, max(1, -(-len(points) // CHUNK)))
     return np.concatenate([log_density(chunk) for chunk in chunks])

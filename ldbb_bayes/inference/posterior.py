@@ -42,6 +42,8 @@ __all__ = [
     "to_units",
 ]
 
+# Seed of the random draws of effects on the compliances that are not among the parameters.
+_SEED = 0
 # Dimensions of the arrays in a posterior (an xarray DataTree), except for arrays of random draws.
 # The keys are the names of the arrays. The dimension ``test`` has one entry for each test, and
 # ``reading`` one entry for each reading of all tests.
@@ -333,19 +335,17 @@ def model_draws_of(posterior: xr.DataTree, size: int | None = None) -> list[Mode
     return by_model
 
 
-def curves_of(
-    posterior: xr.DataTree, force_N: Array, size: int | None = None, *, seed: int = 0
-) -> Array:
+def curves_of(posterior: xr.DataTree, force_N: Array, size: int | None = None) -> Array:
     """Return posterior draws of the compliances C(F) at n forces, shape (draws, n, compliances).
 
     ``force_N``, shape (n,), holds the forces F [N]. C(F) is computed from the compliance at the
     reference force and its slopes (changes with force); see `compliance_curves`. At most ``size``
     draws are used; if ``size`` is None, all draws are used. If the posterior is an average over
     several models, the draws are sorted as in `model_draws_of`: by the alternative explanations
-    (effects that look like a change of compliance with force) that their models contain. ``seed``
-    determines the random draws of effects that are not among the parameters.
+    (effects that look like a change of compliance with force) that their models contain. The random
+    draws of effects that are not among the parameters are the same in every call.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(_SEED)
     curves = [
         compliance_curves(draws.bound, draws.phi, draws.beta, force_N, rng)
         for draws in model_draws_of(posterior, size)
@@ -358,8 +358,6 @@ def elastic_draws_of(
     circles: Sequence[int],
     force_N: Array,
     size: int | None = None,
-    *,
-    seed: int = 0,
 ) -> ElasticDraws:
     """Return posterior draws of compliances and of the elastic deflection around circles.
 
@@ -367,10 +365,10 @@ def elastic_draws_of(
     ``force_N``, shape (n,), holds n forces of the bar [N], see `elastic_draws`. At most ``size``
     draws are used; if ``size`` is None, all draws are used. If the posterior is an average over
     several models, the draws are sorted as in `model_draws_of`: by the alternative explanations
-    (effects that look like a change of compliance with force) that their models contain. ``seed``
-    determines the random draws of effects that are not among the parameters.
+    (effects that look like a change of compliance with force) that their models contain. The random
+    draws of effects that are not among the parameters are the same in every call.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(_SEED)
     by_model = [
         elastic_draws(draws, circles, force_N, rng) for draws in model_draws_of(posterior, size)
     ]

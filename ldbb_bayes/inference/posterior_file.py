@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.errors import InputError, quoted_reason, require
 from ldbb_bayes.files import write_whole
 from ldbb_bayes.inference.posterior import MODEL_EDITION, fit_of, record_of
 
@@ -29,8 +29,6 @@ _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "prove
 # the file plus ``_SMALL_FILE_BYTES``. A file with larger arrays counts as damaged.
 _LARGEST_EXPANSION = 20
 _SMALL_FILE_BYTES = 2**20
-# If a file cannot be read, at most this many characters of the library's error message are quoted.
-_LONGEST_REASON = 120
 
 
 def save(posterior: xr.DataTree, path: str | os.PathLike[str]) -> Path:
@@ -186,7 +184,7 @@ def _read_tree(source: Path) -> xr.DataTree:
                 return tree.load()
         # Libraries may raise exceptions of any class if they read a damaged file.
         except Exception as error:  # noqa: BLE001
-            reason = " ".join(str(error).split())[:_LONGEST_REASON]
+            reason = quoted_reason(error)
         # Deleting the library's object for a damaged file causes error messages. Delete it now,
         # while such messages are suppressed.
         gc.collect()
