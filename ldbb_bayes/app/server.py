@@ -30,9 +30,10 @@ from starlette.routing import Mount, Route
 from starlette.types import ASGIApp
 
 from ldbb_bayes.app.answering_process import AnsweringProcess
+from ldbb_bayes.app.answers import Answer, refused
 from ldbb_bayes.app.guard import LOOPBACK, Guard
 from ldbb_bayes.app.page_words import LANGUAGES, PAGES, words_of_page
-from ldbb_bayes.app.requests import ROUTES, Answer, refused
+from ldbb_bayes.app.requests import ROUTES
 from ldbb_bayes.app.session_registry import SessionRegistry
 from ldbb_bayes.errors import InputError
 

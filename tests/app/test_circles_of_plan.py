@@ -11,8 +11,8 @@ import pytest
 from campaigns import in_setups, plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.app import requests
 from ldbb_bayes.app.operator_rows import circle_rows, effort_row, pilot_row
+from ldbb_bayes.app.result_requests import operator_sheet
 from ldbb_bayes.app.templates import Templates
 
 KEEP = {"en": "Keep one set-up", "de": "Aufspannung beibehalten"}
@@ -40,7 +40,7 @@ def sheet(planned: lb.Campaign, language: str) -> str:
     }
     registry: Any = SimpleNamespace(templates=Templates())
     session: Any = SimpleNamespace(language=language)
-    page = requests._operator_sheet(registry, session, found)
+    page = operator_sheet(registry, session, found)
     return " ".join(re.sub(r"<[^>]+>", " ", page).split())
 
 
