@@ -69,6 +69,9 @@ def parse_unit(unit: str | None) -> UnitSize | None:
             sign = -1
         else:
             return None
+    if prefix != 1.0 or sign != 1:
+        # A prefix, or the word "per", is followed by no unit.
+        return None
     return UnitSize(factor, _dimension_text(powers))
 
 
