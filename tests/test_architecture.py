@@ -109,7 +109,7 @@ def test_no_circle() -> None:
     assert circle(arrows) == []
 
 
-def test_names() -> None:
+def test_names_of_modules_and_classes_are_unique() -> None:
     """No module of a private name, and no module or class of one name twice."""
     modules = Counter(path.stem for path in trees() if path.name != "__init__.py")
     assert {name for name, count in modules.items() if count > 1} == set()

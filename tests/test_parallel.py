@@ -305,7 +305,7 @@ def test_a_job_blamed_by_dask_is_tried_once_more_when_all_others_are_done() -> N
     assert sorted(results[:-1]) == [(k, k * k) for k in range(12) if k != 3]
 
 
-def test_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_executors_that_cannot_be_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with (
         pytest.raises(InputError, match="--workers must be 0 or more, got -1"),
         executor_named("process", -1),
@@ -374,7 +374,7 @@ def test_an_unguarded_script_is_told_so_once(kind: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_dask(tmp_path: Path) -> None:
+def test_jobs_run_on_workers_of_dask(tmp_path: Path) -> None:
     """In a process of its own: it warns of what is no concern here."""
     ended = run("dask", tmp_path, tmp_path)
     assert ended.stdout, ended.stderr

@@ -157,7 +157,7 @@ def test_stiffness() -> None:
 
 
 @pytest.mark.parametrize(("text", "expected"), CASES["typeset"])
-def test_typeset(text: str, expected: str) -> None:
+def test_units_are_typeset(text: str, expected: str) -> None:
     assert units.typeset(text) == expected
 
 

@@ -281,7 +281,7 @@ def test_contributions_by_the_exact_model(fitted: tuple[lb.Campaign, Any]) -> No
 
 
 @pytest.mark.parametrize(("order", "amplitude"), [(2, 5.0), (3, 1.5), (7, 0.2)])
-def test_lobes(order: int, amplitude: float) -> None:
+def test_the_circularity_of_lobes_is_twice_their_amplitude(order: int, amplitude: float) -> None:
     """n lobes of amplitude a, wherever the centre: G = 2 a by either."""
     trace = 12.0 - 3.0 * np.cos(ANGLE) + 8.0 * np.sin(ANGLE) + amplitude * np.cos(order * ANGLE)
     zone = least_squares_zone(ANGLE, trace)

@@ -324,7 +324,9 @@ def test_a_tolerance_of_a_kind_of_error_is_answered_with_the_names_of_these_erro
 
 
 @pytest.mark.parametrize(("limits", "message"), TABLES["conformity"])
-def test_refused(posterior: Any, limits: dict[str, str], message: str) -> None:
+def test_tolerances_that_cannot_be_are_refused(
+    posterior: Any, limits: dict[str, str], message: str
+) -> None:
     refuses(message, lb.assess_conformity, posterior, limits)
 
 

@@ -986,7 +986,9 @@ def test_impossible_states_do_not_count_in_expected_variances() -> None:
         ),
     ],
 )
-def test_refused(pilot: lb.Campaign, options: dict[str, object], message: str) -> None:
+def test_designs_that_cannot_be_are_refused(
+    pilot: lb.Campaign, options: dict[str, object], message: str
+) -> None:
     refuses(message, lb.design, **{"model": LINEAR, "pilot": pilot, "forces_N": LEVELS, **options})
 
 

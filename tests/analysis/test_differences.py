@@ -765,7 +765,7 @@ def test_other_machines_are_not_one(
 
 
 @pytest.mark.slow
-def test_refused(two: tuple[Any, Any]) -> None:
+def test_differences_that_cannot_be_are_refused(two: tuple[Any, Any]) -> None:
     constant = lb.HybridModel.first(0)
     other = lb.sample(
         constant,

@@ -115,7 +115,7 @@ def test_three_by_three(tests: int, determinant: float) -> None:
     assert all(counts.sum() == tests for counts, _ in designs)
 
 
-def test_elfving() -> None:
+def test_shares_for_extrapolating_a_line_are_those_of_elfving() -> None:
     """c-optimality for extrapolating a line from [−1, 1] to 2: shares 1/4 and 3/4 at the ends
     (Elfving 1952)."""
     x = np.linspace(-1.0, 1.0, 81)

@@ -92,7 +92,7 @@ OTHER_FORCE = (
 @pytest.mark.parametrize(
     ("arguments", "message"), [*cases(__file__, "refusals.toml")["validate"], FLAT, OTHER_FORCE]
 )
-def test_refused(arguments: dict, message: str) -> None:
+def test_calibrations_that_cannot_be_are_refused(arguments: dict, message: str) -> None:
     refuses(message, lb.calibrate, **({"model": CONSTANT, "plan": CIRCLES} | arguments))
 
 

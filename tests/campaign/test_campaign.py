@@ -23,7 +23,7 @@ def make(**changes: object) -> lb.CircularTest:
     return lb.CircularTest(**fields)  # type: ignore[arg-type]
 
 
-def test_units_at_the_edge() -> None:
+def test_radians_and_millimetres_are_converted_at_the_edge() -> None:
     test = lb.CircularTest(force_N=36.0, angle_rad=np.deg2rad(ANGLE), reading_mm=READING * 1e-3)
     np.testing.assert_allclose(test.angle_deg, ANGLE)
     np.testing.assert_allclose(test.readings_mm(), READING * 1e-3)
@@ -53,7 +53,7 @@ def test_units_at_the_edge() -> None:
         ({"angle_deg": ANGLE[:, None]}, r"shape \(n,\)"),
     ],
 )
-def test_refused(changes: dict[str, object], message: str) -> None:
+def test_a_test_that_cannot_be_is_refused(changes: dict[str, object], message: str) -> None:
     refuses(message, make, **changes)
 
 
@@ -134,11 +134,11 @@ def test_forces_that_no_regulator_sets_apart_are_one_level() -> None:
         ((make(),), {"frames_mm": {"W": (0.0, 0.0, 0.0)}}, "frames_mm must name linear axes"),
     ],
 )
-def test_campaign_refused(tests: tuple, options: dict, message: str) -> None:
+def test_a_campaign_that_cannot_be_is_refused(tests: tuple, options: dict, message: str) -> None:
     refuses(message, lb.Campaign, tests, **options)
 
 
-def test_digest_is_of_the_data() -> None:
+def test_the_digest_is_of_what_the_model_uses() -> None:
     """Of every number that the model uses, as a float, and of nothing else."""
     first = make(time_s=20, work_ball_deg=45)
     second = make(force_N=742.0)
@@ -207,7 +207,7 @@ def test_an_error_in_the_last_digit_does_not_change_the_digest_of_circles() -> N
         assert again.circles_sha256 == first.circles_sha256
 
 
-def test_selection() -> None:
+def test_tests_are_selected_by_name() -> None:
     campaign = lb.Campaign((make(), make(force_N=300.0), make(force_N=742.0)))
     assert [t.name for t in campaign.without("f300").tests] == ["f036", "f742"]
     assert [t.name for t in campaign.select(["f742", "f036"]).tests] == ["f036", "f742"]
@@ -241,7 +241,7 @@ def test_tests_were_run_as_listed_and_drifted_unless_stated() -> None:
         (np.add.outer(np.arange(0.0, 221.0, 5.0), (0.0, 0.001)).ravel(), 220.001),
     ],
 )
-def test_arc(angle: np.ndarray, arc: float) -> None:
+def test_the_arc_is_what_the_angles_cover(angle: np.ndarray, arc: float) -> None:
     assert make(angle_deg=angle, reading_um=np.zeros(len(angle))).arc_deg == pytest.approx(arc)
 
 
@@ -255,7 +255,7 @@ def recording(start: float = -30.0, stop: float = 390.0) -> lb.CircularTest:
     )
 
 
-def test_force_law_both_ways() -> None:
+def test_a_force_law_converts_pressure_and_force() -> None:
     law = lb.campaign.ForceLaw()
     for pressure, force in ((0.4, 36.0), (3.0, 364.0), (6.0, 742.0)):
         assert law.force_N(pressure) == pytest.approx(force, abs=0.3)
@@ -271,7 +271,7 @@ def test_reversal_points_are_masked() -> None:
     refuses("between 0 and 45", lb.reading.mask_reversals, recording(), 60.0)
 
 
-def test_arcs_may_run_through_zero() -> None:
+def test_masked_arcs_may_run_through_zero() -> None:
     test = lb.reading.mask_angles(recording(0.0, 360.0), [(350.0, 370.0), (100.0, 110.0)])
     assert {355.0, 5.0, 105.0, 11.0, 99.0, 111.0, 349.0} & set(test.angle_deg) == {
         11.0,

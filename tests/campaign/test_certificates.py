@@ -424,7 +424,7 @@ def test_what_is_no_certificate_is_refused(content: bytes, message: str, tmp_pat
 
 
 @pytest.mark.parametrize(("old", "new", "kind", "message"), CASES["not_said"])
-def test_what_a_certificate_does_not_say(
+def test_what_a_certificate_lacks_is_named(
     old: str, new: str, kind: str, message: str, tmp_path: Path
 ) -> None:
     path = changed(tmp_path, (old, new))
@@ -435,7 +435,7 @@ def test_what_a_certificate_does_not_say(
     refuses(f"schein.xml: .*{message}", fields_of_instrument)
 
 
-def test_a_ball_is_stated_once() -> None:
+def test_a_certificate_and_an_option_for_one_ball_are_refused() -> None:
     """A DCC of one ball contradicts an option that states both balls."""
     with pytest.raises(lb.InputError, match="got --balls too"):
         instrument_fields(balls=lb.Ball(grade="G20"), work_dcc=SCHEIN)

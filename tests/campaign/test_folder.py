@@ -35,7 +35,7 @@ def write(folder: Path, toml: str = TOML, **files: str) -> Path:
     return folder
 
 
-def test_round_trip(tmp_path: Path) -> None:
+def test_a_written_campaign_is_read_back(tmp_path: Path) -> None:
     campaign = simulated(plan(work_deg=30.0, compensated=False))
     folder = lb.write_campaign(campaign, tmp_path / "c")
     back = lb.read_campaign(folder)
@@ -161,7 +161,7 @@ def test_circles_of_a_plan_that_have_no_file_yet_are_foreseen(tmp_path: Path) ->
     assert RemarkKind.NOT_RUN not in {r.kind for r in lb.check_campaign(campaign).remarks}
 
 
-def test_plans_come_back(tmp_path: Path) -> None:
+def test_a_written_plan_is_read_back(tmp_path: Path) -> None:
     """Arcs, and circles in both directions."""
     angle = 360.0 - np.arange(720) / 2.0
     arc = 220.0 / 39.0 * np.arange(40) - 20.0
@@ -227,11 +227,11 @@ WHOLE = [
 
 
 @pytest.mark.parametrize(("old", "new", "message"), [*CASES["csv_refused"], *WHOLE])
-def test_csv_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_a_csv_that_cannot_be_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
     refuses(message, lb.read_campaign, write(tmp_path, b=CSV.replace(old, new) if old else new))
 
 
-def test_binary_and_missing(tmp_path: Path) -> None:
+def test_binary_and_missing_files_are_refused(tmp_path: Path) -> None:
     write(tmp_path)
     for content, problem in (
         (bytes(range(256)), "text must be utf-8, got other bytes"),

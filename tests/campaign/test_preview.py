@@ -29,7 +29,7 @@ def several() -> lb.Campaign:
     return lb.Campaign(tuple(tests), frames_mm={"Y": (0.0, -200.0, 350.0)})
 
 
-def test_what_a_fit_will_assume() -> None:
+def test_the_preview_states_what_a_fit_will_assume() -> None:
     preview = lb.check_campaign(several())
     text = " ".join(map(remark_words, preview.assumptions))
     for words in (
@@ -57,7 +57,7 @@ def test_what_a_fit_will_assume() -> None:
         ((0.0, 300.0, 900.0), {"drift": False}, "no drift"),
     ],
 )
-def test_what_a_fit_measures_drift_by(
+def test_the_preview_states_the_source_of_the_times(
     times_s: tuple[float | None, ...], stated: dict[str, Any], source: str
 ) -> None:
     """And the model has a drift by times, or by the order listed, and else none."""

@@ -624,7 +624,7 @@ def test_answers_that_miss(
     assert json.loads(invoke("compare", three, "--json")[1])["largest_error"] == 1.0
 
 
-def test_machine(tmp_path: Path, invoke: Invoke) -> None:
+def test_machine_writes_its_record_and_atlases(tmp_path: Path, invoke: Invoke) -> None:
     """What it answers is held by its golden."""
     out = tmp_path / "m"
     atlases = "compliance_atlas_XY compliance_atlas_YZ geometric_atlas_XY geometric_atlas_YZ"

@@ -31,12 +31,12 @@ def run(*arguments: object, **options: object) -> subprocess.CompletedProcess[st
     )  # type: ignore[call-overload]
 
 
-def test_version() -> None:
+def test_the_version_is_that_of_the_package() -> None:
     assert run("--version").stdout == f"ldbb-bayes {lb.__version__}\n"
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["fit", "--help"]])
-def test_help(arguments: list[str]) -> None:
+def test_help_shows_the_usage(arguments: list[str]) -> None:
     assert "Usage" in run(*arguments).stdout
 
 
@@ -112,7 +112,7 @@ def test_a_reader_that_leaves_early_is_no_error(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_demo(place_of_demonstration: Path) -> None:
+def test_the_demonstration_prints_its_results(place_of_demonstration: Path) -> None:
     ended = demonstration_in(place_of_demonstration)
     assert (ended.exit_code, ended.stderr) == (0, "")
     words = " ".join(ended.stdout.split())

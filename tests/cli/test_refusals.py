@@ -95,7 +95,7 @@ for command, refusals in COMMANDS.items():
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_options(
+def test_options_that_cannot_be_are_refused(
     case: str,
     folder: Path,
     planned: Path,

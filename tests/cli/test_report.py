@@ -28,7 +28,7 @@ from ldbb_bayes.results import json_text
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
     """Designs and figures have tests of their own."""
-    if request.function is not test_figures:
+    if request.function is not test_a_report_writes_its_figures:
         undrawn(monkeypatch)
     monkeypatch.setattr("ldbb_bayes.report.findings.design", refuse_to_design)
 
@@ -110,7 +110,9 @@ def test_everything_written(result: Path, comparison: Path, tmp_path: Path, invo
 
 
 @pytest.mark.slow
-def test_figures(result: Path, comparison: Path, tmp_path: Path, invoke: Invoke) -> None:
+def test_a_report_writes_its_figures(
+    result: Path, comparison: Path, tmp_path: Path, invoke: Invoke
+) -> None:
     figures = tmp_path / "figures"
     assert (
         invoke(
@@ -209,7 +211,7 @@ def spoiled(result: Path, folder: Path, *, cut: bool) -> Path:
 
 
 @pytest.mark.slow
-def test_refused(
+def test_reports_that_cannot_be_are_refused(
     result: Path, comparison: Path, tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One line, exit code 2, nothing written."""

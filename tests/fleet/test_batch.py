@@ -245,7 +245,9 @@ def test_a_tidy_csv_takes_what_its_table_does_not_say(tmp_path: Path) -> None:
     )
 
 
-def test_gather(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_campaigns_are_gathered_from_folders_and_lists(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     for name in ("shop/b", "shop/a", "lone", "shop/none"):
         Path(name).mkdir(parents=True)

@@ -440,7 +440,7 @@ def test_what_each_its_own_bar_changes(rng: np.random.Generator) -> None:
     assert "mount deflection, force gain" in " ".join(doubts(pool(three_machines)))
 
 
-def test_doubts(rng: np.random.Generator) -> None:
+def test_a_population_states_its_doubts(rng: np.random.Generator) -> None:
     """Of one bar's length and balls, of forces that were not tested; readings that tell nothing
     leave the prior."""
     two_machines = fleet(rng, machines=2, parameters=1)

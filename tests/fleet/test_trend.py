@@ -596,7 +596,7 @@ def test_the_force_of_compliances_is_stated(rows: pd.DataFrame) -> None:
         assert {decision.force_N for decision in decisions.values()} == {300.0}
 
 
-def test_doubts(rows: pd.DataFrame) -> None:
+def test_a_trend_states_its_doubts(rows: pd.DataFrame) -> None:
     """What is to be minded of campaigns, of one bar's length and balls, of two campaigns."""
     doubtful = rows.assign(status=["failed", *["done"] * 9], converged=[True, False, *[True] * 8])
     sentences = " ".join(doubts(lb.fleet.find_trend(doubtful, reference_force_N=20.0)))

@@ -60,7 +60,7 @@ def arviz_plots() -> ModuleType:
     return pytest.importorskip("arviz_plots", exc_type=ImportError)
 
 
-def test_summary(posterior: xr.DataTree) -> None:
+def test_arviz_summarizes_a_posterior_alike(posterior: xr.DataTree) -> None:
     table = arviz_stats.summary(posterior, ci_prob=0.95, ci_kind="eti", round_to="none")
     expected = lb.summarize(posterior)
     np.testing.assert_allclose(table["mean"].astype(float), expected["mean"])
@@ -73,7 +73,7 @@ def test_loo_and_compare(checked: xr.DataTree, constant: xr.DataTree) -> None:
     assert set(arviz_stats.compare(rivals).index) == {"linear", "constant"}
 
 
-def test_loo_pit(checked: xr.DataTree) -> None:
+def test_loo_pit_is_the_share_of_circles_with_a_smaller_range(checked: xr.DataTree) -> None:
     """The share of circles with a smaller range, as a fit without the test predicts them."""
     shares = arviz_stats.loo_pit(checked, var_names=["per_test"])["per_test"]
     assert shares.sizes == {"test": len(CAMPAIGN.tests)}

@@ -153,7 +153,7 @@ def test_the_seed_moves_a_truncated_evidence_by_no_more_than_its_error(
         (SMALL, 0.0, "tolerance must be a positive number of nats, got 0"),
     ],
 )
-def test_refused(
+def test_evidences_that_cannot_be_are_refused(
     campaign: lb.Campaign, model: lb.HybridModel, tolerance: float, message: str
 ) -> None:
     refuses(message, lb.log_evidence, model, campaign, tolerance=tolerance)

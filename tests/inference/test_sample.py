@@ -61,7 +61,9 @@ def posterior(campaign: lb.Campaign) -> xr.DataTree:
 
 
 @pytest.mark.slow
-def test_layout(either: xr.DataTree, campaign: lb.Campaign) -> None:
+def test_a_posterior_has_the_groups_and_variables_of_arviz(
+    either: xr.DataTree, campaign: lb.Campaign
+) -> None:
     sampled = {"posterior", "prior", "sample_stats", "log_prior"}
     assert set(either.children) == sampled | {"observed_data", "constant_data", "provenance"}
     assert list(either["posterior"].data_vars) == [
@@ -452,7 +454,7 @@ def test_noise_at_the_floor_is_sampled_without_strays() -> None:
         ({"campaign": FEW.plan()}, "must have readings to be sampled, got a plan"),
     ],
 )
-def test_refused(arguments: dict[str, Any], message: str) -> None:
+def test_samples_that_cannot_be_are_refused(arguments: dict[str, Any], message: str) -> None:
     refuses(message, lb.sample, CONSTANT, **{"campaign": FEW} | arguments)
 
 

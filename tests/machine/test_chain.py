@@ -59,7 +59,7 @@ def _labels(machine: Machine) -> list[str]:
 
 
 @pytest.mark.parametrize(("arguments", "message"), cases(__file__, "refusals.toml")["machine"])
-def test_refused(arguments: list[Any], message: str) -> None:
+def test_machines_that_cannot_be_are_refused(arguments: list[Any], message: str) -> None:
     refuses(message, Machine, *arguments)
 
 
@@ -99,7 +99,7 @@ def code_name(printed: str) -> str:
     return printed.replace("(", "").replace(")", "")
 
 
-def test_table_4(root) -> None:
+def test_exact_readings_return_the_numbers_of_table_4(root) -> None:
     """Eq. 31 on exact readings returns every printed digit.
 
     The paper's simulation carries E_C(0Y)X with the opposite sign in model and Jacobian; the flip
@@ -302,7 +302,7 @@ S = np.sin(ARC)
 R = 150.0
 
 
-def test_table_2(root) -> None:
+def test_confounded_compliances_are_those_of_table_2(root) -> None:
     table = pd.read_csv(root / "data" / "published_tables" / "table_2_confounded_compliances.csv")
     reduction = kept_compliances(Machine())
     assert (reduction.rank, reduction.condition_number) == (6, pytest.approx(9742.79, abs=0.01))

@@ -206,7 +206,7 @@ def test_one_direction_leaves_the_first_edition_as_it_was() -> None:
     assert bound.nuisance_columns[-1].hyper == "kappa"
 
 
-def test_refused() -> None:
+def test_models_that_do_not_suit_a_campaign_are_refused() -> None:
     plain = everything()
     silent = replace(plain, tests=(replace(plain.tests[0], direction=None), *plain.tests[1:]))
     refuses(r"'f100' must state its direction, CW or CCW", HybridModel.first(1).bind, silent)

@@ -167,7 +167,7 @@ def test_a_kept_compliance_has_the_prior_of_what_it_absorbs() -> None:
     assert sd["C_XYX"] == pytest.approx(np.hypot(1e-5, 30_000.0 * 1e-9))
 
 
-def test_models() -> None:
+def test_terms_are_replaced_and_left_out_by_name() -> None:
     model = lb.HybridModel.first()
     assert model.with_term(Drift("temperature"), BarLength(1.0)).nuisances[1::6] == (
         BarLength(1.0),

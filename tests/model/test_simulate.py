@@ -13,7 +13,7 @@ from ldbb_bayes.model.fourier import basis
 SILENT = {"sigma": 0.0, "delta": 0.0, "kappa": 0.0, "tau": 0.0}
 
 
-def test_seeded() -> None:
+def test_a_seed_determines_the_simulated_campaign() -> None:
     model = lb.HybridModel.first(1)
     first = model.simulate(plan(), seed=1)
     repeated = model.simulate(plan(), seed=1)
@@ -66,7 +66,7 @@ def test_covariance_of_the_readings_is_the_oracles() -> None:
 
 
 @pytest.mark.parametrize(("arguments", "message"), cases(__file__, "spec.toml")["simulate"])
-def test_refused(arguments: dict, message: str) -> None:
+def test_simulations_that_cannot_be_are_refused(arguments: dict, message: str) -> None:
     refuses(message, lb.HybridModel.first(0).simulate, plan(), seed=1, **arguments)
 
 

@@ -59,7 +59,7 @@ def test_what_is_left_out_is_the_presets() -> None:
 
 
 @pytest.mark.parametrize(("text", "message"), CASES["refused"])
-def test_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_model_files_that_cannot_be_are_refused(tmp_path: Path, text: str, message: str) -> None:
     file = tmp_path / "model.toml"
     file.write_text(text)
     with pytest.raises(InputError, match=message) as caught:

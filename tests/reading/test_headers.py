@@ -25,7 +25,7 @@ def test_unit_of_a_header(header: str, name: str, unit: str) -> None:
 
 
 @pytest.mark.parametrize(("line", "key", "value"), CASES["said"])
-def test_said(line: str, key: str, value: str) -> None:
+def test_a_line_states_a_value(line: str, key: str, value: str) -> None:
     assert said(line) == {key: pytest.approx(float(value), rel=1e-5)}
 
 

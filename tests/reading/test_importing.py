@@ -260,7 +260,7 @@ def test_options_win_over_tests_of_a_layout(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("header", "form", "above", "layout", "expected"), CASES["told"])
-def test_told(
+def test_what_was_assumed_is_told(
     header: str,
     form: str,
     above: str,
@@ -427,7 +427,7 @@ def test_names_say_plane_and_radius(tmp_path: Path) -> None:
         ],
     ],
 )
-def test_refused(
+def test_files_that_cannot_be_are_refused(
     header: str, rows: list[str], layout: dict[str, Any], message: str, tmp_path: Path
 ) -> None:
     refuses(message, imported, table(tmp_path / NAME, header, rows), layout)

@@ -16,7 +16,9 @@ CASES = cases(__file__, "numerals.toml")
 
 
 @pytest.mark.parametrize(("cells", "decimal", "values"), CASES["numbers"])
-def test_numbers(cells: list[str], decimal: str, values: list[float]) -> None:
+def test_cells_are_read_with_their_decimal_mark(
+    cells: list[str], decimal: str, values: list[float]
+) -> None:
     assert (decimal_mark("here", enumerate(cells, start=1)) or "") == decimal
     np.testing.assert_allclose(
         numbers_in("here", "x", range(1, 9), cells, decimal or None), values, rtol=1e-15

@@ -262,7 +262,7 @@ X_Value\tUntitled\tUntitled 1\tComment"""
 
 
 @pytest.mark.parametrize("columns", ["One", "No"])
-def test_labview(columns: str, tmp_path: Path) -> None:
+def test_files_of_labview_are_read(columns: str, tmp_path: Path) -> None:
     lines = LABVIEW.format(columns=columns).split("\n")
     for number, reading in enumerate(readings(100.0)):
         time = ""

@@ -38,7 +38,7 @@ def test_directions(line: str, direction: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("word", ["Vlak", "Düzlem", "Płaszczyzna", "Rovina", "Плоскость"])
-def test_planes(word: str, tmp_path: Path) -> None:
+def test_the_word_for_plane_is_read(word: str, tmp_path: Path) -> None:
     (test,) = lb.import_campaign(table(tmp_path, f"{word}: ZX")).campaign.tests
     assert test.plane == "ZX"
 

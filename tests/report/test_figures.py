@@ -413,7 +413,7 @@ def test_tables_of_a_comparison(compared: Comparison) -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("few_states")
 @pytest.mark.parametrize("kind", ["proper", "flat"])
-def test_designs(kind: str) -> None:
+def test_figures_of_designs(kind: str) -> None:
     pilot = simulated(plan(), seed=2)
     if kind == "flat":
         design = lb.design(lb.HybridModel.paper(1), plan(), tests=5, forces_N=LEVELS)

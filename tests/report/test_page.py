@@ -290,7 +290,7 @@ def test_catalogues_say_the_same() -> None:
 
 
 @pytest.mark.slow
-def test_paper(tmp_path: Path) -> None:
+def test_the_sheets_fit_on_two_pages_of_paper(tmp_path: Path) -> None:
     """Two pages of A4 with the words of the sheets, in German with decimal commas, at whatever
     number of tests and names."""
     named = {

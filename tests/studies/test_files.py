@@ -30,7 +30,7 @@ def imported(folder: Path, case: awkward.Case, out: str, *options: str) -> lb.Ca
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", awkward.CASES)
-def test_awkward(name: str, tmp_path: Path) -> None:
+def test_awkward_files_are_read_as_they_are_meant(name: str, tmp_path: Path) -> None:
     """Forces, angles and readings as far as their digits tell; the import.toml that is written
     reads the same without options."""
     case = awkward.CASES[name]
