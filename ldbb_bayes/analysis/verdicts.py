@@ -255,11 +255,9 @@ def judge(
 
 
 def judge_parameters(
-    bound: BoundModel, information: Information, mean: Array
+    bound: BoundModel, information: Information, mean: Array, sampled_sd: SampledSd | None = None
 ) -> dict[str, ParameterIdentifiability]:
     """Return for every parameter of a model whether it is identified, prior-limited or confounded.
-
-    The standard deviations are those of the linear Gaussian model ``information``.
 
     Parameters
     ----------
@@ -270,13 +268,19 @@ def judge_parameters(
     mean
         Posterior mean (for a plan, prior mean) of the p parameters, shape (p,), in internal units
         (mm, N, rad).
+    sampled_sd
+        Prior and posterior standard deviations of the parameters, as stated in the results. They
+        either come from random draws in which no compliance is negative, or account for the spread
+        of the hyper-parameters. If they are not given, the standard deviations of the linear
+        Gaussian model ``information`` are used, which belong to one value of the hyper-parameters.
 
     Returns
     -------
     dict of ParameterIdentifiability
         Verdict on each parameter; the keys are names of parameters.
     """
-    sampled_sd = _gaussian_sd(bound, information)
+    if sampled_sd is None:
+        sampled_sd = _gaussian_sd(bound, information)
     weights = weights_of_parameters(information)
     model = ModelVariance(1.0, bound, information, weights, mean, sampled_sd.posterior)
     return judge_average(AveragedVariance((model,), len(mean)), bound, sampled_sd)
