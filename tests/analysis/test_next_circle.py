@@ -509,7 +509,7 @@ def test_a_zero_that_was_not_set_is_told_before_anything_else(recovered: Campaig
     assert concern.kind == "zero"
     assert concern.value == pytest.approx(0.15, abs=0.06)
     first, second = (str(passage) for passage in parts_of(step)[:2])
-    assert first.startswith("All readings lie about +")
+    assert first.startswith("All readings contain a constant of about +")
     assert second.startswith("Stop:")
 
 

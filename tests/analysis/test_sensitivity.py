@@ -146,7 +146,7 @@ def test_negligible_combinations_of_explanations_hardly_count(
             evidence.error = 5.0
         return SimpleNamespace(evidence=evidence), log_value <= below
 
-    monkeypatch.setattr(Evidences, "unless_negligible", of_few)
+    monkeypatch.setattr(Evidences, "nodes_unless_negligible", of_few)
     pair = {"constant": model.with_degree(0), "linear": model}
     averaged = rival_explanations.average_explanations(pair, Evidences(CAMPAIGN))
     assert averaged.log_bayes_factor == pytest.approx(-1.0)

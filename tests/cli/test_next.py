@@ -39,7 +39,7 @@ def test_the_next_circle_can_be_rehearsed(folder: Path, tmp_path: Path, invoke: 
     out = tmp_path / "rehearsal"
     code, stdout, stderr = invoke("simulate", plan, "--preset", "first", "--out", out)
     assert (code, stderr) == (0, "")
-    assert "(1 tests" in stdout
+    assert "(1 test," in stdout
     assert not lb.read_campaign(out).is_plan
 
 

@@ -165,7 +165,7 @@ def test_the_layout_that_was_found_out_leaves_nothing_to_guess(tmp_path: Path) -
         "radius_mm",
     }, "what the file says of its test"
     assert (first.campaign.tests[0].force_N, first.campaign.tests[0].radius_mm) == (238.0, 140.0)
-    assert str(first).startswith("own 238N: 1 tests, 72 readings. Assumed")
+    assert str(first).startswith("own 238N: 1 test, 72 readings. Assumed")
     assert first.as_dict()["campaign"] == {"name": "own 238N", "tests": 1, "readings": 72}
 
 
