@@ -44,7 +44,7 @@ _EXPECTED_INSIDE = 4.0
 # envelope is above the posterior density at nodes that hold ``_SHARE_BELOW_ENVELOPE`` of the
 # posterior probability, but never higher than ``_HIGHEST_ENVELOPE``. A lower envelope accepts more
 # draws, but returns more values of the hyper-parameters several times.
-_SHARE_BELOW_ENVELOPE = 0.9
+_SHARE_BELOW_ENVELOPE = 0.95
 _HIGHEST_ENVELOPE = 2.0
 # The rejection sampler divides by an estimate of the probability that no compliance is negative. An
 # estimate below this number is replaced by this number.
