@@ -1,7 +1,8 @@
 """First sentences on sheet 1 of the test certificate. They state the results of a fit plainly.
 
-The sentences describe the machine under load, state at most three findings, and name the step that
-would reduce the uncertainty of undetermined parameters most. A finding is something on the machine
+The sentences describe the machine under load, state at most three findings, name circles that
+scatter far more than others, and name the step that would reduce the uncertainty of undetermined
+parameters most. A finding is something on the machine
 to inspect or to repair, and is stated with its probability. There are four kinds of findings: a
 softer axis in a plane, a compliance that changes with force, a difference between the two
 directions of travel (backlash or servo mismatch), and a squareness error.
@@ -15,6 +16,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
+from ldbb_bayes.inference.odd_circles import odd_circles
 from ldbb_bayes.inference.posterior import bound_of
 from ldbb_bayes.model.terms import BallForm
 from ldbb_bayes.model.terms.columns import OWN
@@ -85,7 +87,11 @@ def plain_words(numbers: SheetNumbers) -> Items:
     words = numbers.words
     if numbers.are_unusable:
         return Items(words("sheet.plain"), (words("sheet.plain_unusable"),))
-    items = [*_sentences_under_load(numbers), *_findings_in_words(numbers)]
+    items = [
+        *_sentences_under_load(numbers),
+        *_findings_in_words(numbers),
+        *_odd_circles_in_words(numbers),
+    ]
     if numbers.findings.has_flat_priors:
         items.append(words("sheet.not_examined"))
     else:
@@ -369,6 +375,23 @@ def _why_not_reversed(numbers: SheetNumbers) -> str:
         if {"CW", "CCW"} <= {test.direction for test in tests if test.plane == plane}:
             return "no_hysteresis"
     return "no_plane_both_ways"
+
+
+def _odd_circles_in_words(numbers: SheetNumbers) -> Iterator[str]:
+    """Yield a sentence for each circle that scatters far more than circles usually do.
+
+    If there are many such circles, the oddest are named.
+    """
+    words = numbers.words
+    for circle in odd_circles(numbers.findings.posterior_of_certificate)[:_MOST_FINDINGS]:
+        low, high = circle.interval
+        yield words(
+            "plain.odd_circle",
+            test=circle.test,
+            factor=words.number(f"{circle.factor:.2g}"),
+            low=words.number(f"{low:.2g}"),
+            high=words.number(f"{high:.2g}"),
+        )
 
 
 # ---- parameters that the readings do not determine, and the step that would help most

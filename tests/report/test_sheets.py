@@ -1224,6 +1224,25 @@ def test_circles_of_several_directions_are_not_said_to_have_one(
     assert any(sentence in item for item in plain.items)
 
 
+@pytest.mark.parametrize(
+    ("language", "sentence"),
+    [("en", "Circle t2 scatters"), ("de", "Kreis t2 streut")],
+)
+def test_an_odd_circle_is_named_in_plain_words(language: str, sentence: str) -> None:
+    """Two waves of 12 µm and three of 8 µm, of one circle alone; of like circles none is odd."""
+    campaign = simulated(plan())
+    odd = list(campaign.tests)
+    theta = np.radians(odd[2].angle_deg)
+    deviation_um = 12.0 * np.cos(2.0 * theta) + 8.0 * np.sin(3.0 * theta)
+    odd[2] = replace(odd[2], name="t2", reading_um=odd[2].reading_um + deviation_um)
+    model = lb.HybridModel.default(0)
+    for tests, named in ((tuple(odd), True), (campaign.tests, False)):
+        fit = fitted(model, replace(campaign, tests=tests))
+        numbers = SheetNumbers(findings_of_fit(fit, sheets_only=True), words_of(language), 389.0)
+        items = plain_findings.plain_words(numbers).items
+        assert any(sentence in item for item in items) is named
+
+
 def undetermined(*partners: str) -> StatedQuantity:
     """A quantity that the readings do not determine, confounded with these effects."""
     entry = judged("confounded", *partners)
