@@ -30,6 +30,9 @@ _SURE_WORDS = frozenset(WORDS["statistics"]["sure"].split())
 _CONVERSIONS = frozenset(WORDS["statistics"]["conversion"].split())
 # Regular expression for a cell which says that its row holds no good reading, such as "Bad".
 _UNFIT = re.compile(WORDS["statistics"]["unfit"], re.IGNORECASE)
+# Regular expression for a cell, such as "Bad", which says so even if it stands in every row. Other
+# words, such as "not used", may then be about a setting of the instrument.
+_SURELY_UNFIT = re.compile(WORDS["statistics"]["surely_unfit"], re.IGNORECASE)
 # A column holds numbers if at least this fraction of its filled cells are numbers.
 _SHARE_OF_NUMBERS = 0.9
 # Names of axes, which may stand behind the name of a statistic.
@@ -85,10 +88,13 @@ def unfit_among(cells: Sequence[str]) -> list[int]:
     """Return the indices of the cells of a column which say that their rows hold no good reading.
 
     Such a cell is ``Bad_NoCommunication`` in a column of qualities, or "outlier, do not use" in a
-    column of remarks. The list is empty if every cell of the column says so.
+    column of remarks. If every cell of the column says so, only words without another meaning count:
+    "Bad" does, but "not used" does not.
     """
     unfit = [k for k, cell in enumerate(cells) if _UNFIT.fullmatch(cell.strip())]
-    return [] if len(unfit) == len(cells) else unfit
+    if len(unfit) < len(cells):
+        return unfit
+    return [k for k, cell in enumerate(cells) if _SURELY_UNFIT.fullmatch(cell.strip())]
 
 
 def _holds_numbers(cells: Sequence[str]) -> bool:

@@ -143,3 +143,19 @@ def test_remarks_that_deny_a_fault_change_nothing(remark: str, tmp_path: Path) -
     path = tmp_path / "100N.csv"
     path.write_text("\n".join(["Angle [deg];Reading [um];Remark", *rows, ""]))
     assert lb.import_campaign(path).campaign.readings == len(ROWS)
+
+
+def test_a_word_for_bad_in_all_rows_is_refused(tmp_path: Path) -> None:
+    rows = [f"{row};Bad" for row in ROWS]
+    path = tmp_path / "100N.csv"
+    path.write_text("\n".join(["Angle [deg];Reading [um];Status", *rows, ""]))
+    with pytest.raises(lb.InputError, match="line 2: rows must hold readings, got 'Bad' in column"):
+        lb.import_campaign(path)
+
+
+@pytest.mark.parametrize("word", ["not used", "Bad Cannstatt", "Uncertainty 0.5 um"])
+def test_words_of_other_meaning_in_all_rows_change_nothing(word: str, tmp_path: Path) -> None:
+    rows = [f"{row};{word}" for row in ROWS]
+    path = tmp_path / "100N.csv"
+    path.write_text("\n".join(["Angle [deg];Reading [um];Remark", *rows, ""]))
+    assert lb.import_campaign(path).campaign.readings == len(ROWS)
