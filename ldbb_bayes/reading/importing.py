@@ -44,6 +44,7 @@ from ldbb_bayes.reading.loads_above import with_loads_in_header
 from ldbb_bayes.reading.log_start import check_feed_is_whole
 from ldbb_bayes.reading.mount_statement import check_mount_is_clear, unread_mount
 from ldbb_bayes.reading.names import unknown_length_in_name
+from ldbb_bayes.reading.open_corrections import check_readings_are_corrected
 from ldbb_bayes.reading.paired_columns import split_pairs
 from ldbb_bayes.reading.planes import take_plane_option, unread_plane
 from ldbb_bayes.reading.possible_radii import check_radius_is_possible, check_unit_of_radius
@@ -339,7 +340,7 @@ def _take_conditions(recording: Recording, loads: Mapping[str, float]) -> None:
 
 
 def _check_lines(recordings: Iterable[Recording], campaign: Mapping[str, Any]) -> None:
-    """Raise an error for a line with a force law, or an ambiguous line about the ball's mount.
+    """Raise an error for lines with a force law or a correction, or unclear lines on the mount.
 
     A line with a force law is accepted if the user gives the force law as an option. A line about
     the mount is accepted if an option says whether readings contain the deflection of the mount.
@@ -351,6 +352,7 @@ def _check_lines(recordings: Iterable[Recording], campaign: Mapping[str, Any]) -
                 check_force_law(recording.place, lines)
         if "mount" not in campaign:
             check_mount_is_clear(recording.place, recording.lines_outside)
+        check_readings_are_corrected(recording.place, recording.lines_outside)
 
 
 def _check_directions(recordings: Iterable[Recording], campaign: Mapping[str, Any]) -> None:
