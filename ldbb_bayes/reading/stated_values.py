@@ -44,6 +44,7 @@ from ldbb_bayes.reading.recording import (
     option_for,
 )
 from ldbb_bayes.reading.travel_direction import (
+    check_direction_is_clear,
     direction_named,
     directions_stated,
     senses_of_header,
@@ -616,6 +617,7 @@ def direction_of(recording: Recording) -> str | None:
         " names. Give --direction if all tests ran alike, or direction in a [[test]] of --layout.",
     )
     if not senses:
+        check_direction_is_clear(recording.place, recording.lines_outside)
         return None
     direction = senses.pop()
     if not column_senses:

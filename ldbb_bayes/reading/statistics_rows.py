@@ -88,8 +88,8 @@ def unfit_among(cells: Sequence[str]) -> list[int]:
     """Return the indices of the cells of a column which say that their rows hold no good reading.
 
     Such a cell is ``Bad_NoCommunication`` in a column of qualities, or "outlier, do not use" in a
-    column of remarks. If every cell of the column says so, only words without another meaning count:
-    "Bad" does, but "not used" does not.
+    column of remarks. If every cell of the column says so, only words without another meaning
+    count, such as "Bad", but not "not used".
     """
     unfit = [k for k, cell in enumerate(cells) if _UNFIT.fullmatch(cell.strip())]
     if len(unfit) < len(cells):

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from ldbb_bayes.reading.cited_lines import TEXT_SHOWN
 from ldbb_bayes.reading.line_parts import segments_of_line, statements_of_line
 from ldbb_bayes.reading.names import LOAD_IN_NAME
+from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.programmed_circles import programs_arc
 from ldbb_bayes.reading.qualifications import words_of_exception, words_of_view
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
@@ -19,6 +20,7 @@ from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
 __all__ = [
     "NAMES_DIRECTION",
     "UnreadDirection",
+    "check_direction_is_clear",
     "direction_named",
     "directions_stated",
     "is_direction",
@@ -69,6 +71,12 @@ _SIDES = {
     "CW": re.compile(rf"[\s:=;,|]*(?:{_WORDS['right']})(?!\w|\sto\b|\snach\b)", re.IGNORECASE),
     "CCW": re.compile(rf"[\s:=;,|]*(?:{_WORDS['left']})(?!\w|\sto\b|\snach\b)", re.IGNORECASE),
 }
+# Regular expression for an arrow that turns clockwise or counter-clockwise, after a word for
+# direction.
+_ARROW = re.compile(r"[\s:=;,|]*(?P<arrow>[↺⟲↻⟳])[\s;,|]*")
+# Regular expression for a sign or a word, such as "positive", that means a direction of travel
+# after a word for direction, but does not say which.
+_OPEN_DIRECTION = re.compile(rf"[\s:=;,|]*(?:{_WORDS['open']})[\s;,|.]*", re.IGNORECASE)
 # Regular expression for words that may state the direction of travel, such as "left", "positive" or
 # "reversed".
 _TURNED = re.compile(f"{_WORDS['turned']}|{_WORDS['stated']}", re.IGNORECASE)
@@ -396,6 +404,9 @@ def _direction_after(text: str) -> set[str]:
     there show that another direction is meant, such as that of the spindle.
     """
     senses = senses_in(text) | _senses_of_arcs(text)
+    arrow = _ARROW.fullmatch(text)
+    if arrow is not None:
+        return {direction_named(arrow["arrow"])}
     if not senses:
         # After a word for direction, "right" means clockwise and "left" counter-clockwise.
         for sense, side in _SIDES.items():
@@ -420,6 +431,33 @@ def _senses_of_arcs(text: str) -> set[str]:
     if is_block or _OTHER_ARC.search(text):
         return set()
     return {_SENSES_OF_ARCS[match["sense"]] for match in _ARC.finditer(text)}
+
+
+def check_direction_is_clear(place: str, lines: Sequence[tuple[int | str, str]]) -> None:
+    """Raise an `OpenQuestionError` for a line such as ``Direction: -1`` or ``Direction: positive``.
+
+    Such a line states a direction of travel, but not in words for clockwise or counter-clockwise.
+
+    Parameters
+    ----------
+    place
+        Name of the table in the error message.
+    lines
+        Line number and text of each line. For a line of another sheet, the line number is replaced
+        by a text such as "3 of notes.txt".
+    """
+    for line, text in lines:
+        match = NAMES_DIRECTION.search(text[:LONGEST_TEXT])
+        if match is None or _is_about_angles(text) or _OTHER_DIRECTION.search(text):
+            continue
+        if _OPEN_DIRECTION.fullmatch(match[1]):
+            raise OpenQuestionError(
+                f"{place}: direction must be CW or CCW, got {text.strip()[:TEXT_SHOWN]!r} in line"
+                f" {line}. Say which: --direction CW or CCW; or, if tests differ, direction in a"
+                " [[test]] of --layout.",
+                "direction",
+                ("CW", "CCW"),
+            )
 
 
 def unread_direction(lines: Sequence[tuple[int | str, str]]) -> UnreadDirection | None:

@@ -28,7 +28,7 @@ def written(folder: Path, line: str) -> Path:
     ],
 )
 def test_a_correction_that_is_not_made_is_refused(line: str, tmp_path: Path) -> None:
-    with pytest.raises(lb.InputError, match="readings must be corrected, got .* in line 1"):
+    with pytest.raises(lb.InputError, match=r"readings must be corrected, got .* in line 1"):
         lb.import_campaign(written(tmp_path, line))
 
 
