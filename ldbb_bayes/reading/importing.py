@@ -49,6 +49,7 @@ from ldbb_bayes.reading.paired_columns import split_pairs
 from ldbb_bayes.reading.planes import take_plane_option, unread_plane
 from ldbb_bayes.reading.possible_radii import check_radius_is_possible, check_unit_of_radius
 from ldbb_bayes.reading.recording import LOAD_LISTS, LOAD_ROLES, Recording, option_for
+from ldbb_bayes.reading.removed_means import check_mean_is_not_removed
 from ldbb_bayes.reading.repeated_readings import note_repeated_readings
 from ldbb_bayes.reading.runs_above import with_runs_in_header
 from ldbb_bayes.reading.setups import note_assumed_setup
@@ -342,6 +343,8 @@ def _take_conditions(recording: Recording, loads: Mapping[str, float]) -> None:
 def _check_lines(recordings: Iterable[Recording], campaign: Mapping[str, Any]) -> None:
     """Raise an error for lines with a force law or a correction, or unclear lines on the mount.
 
+    An error is also raised for readings whose mean was removed.
+
     A line with a force law is accepted if the user gives the force law as an option. A line about
     the mount is accepted if an option says whether readings contain the deflection of the mount.
     ``campaign`` are the fields of the campaign that the user's options set.
@@ -353,6 +356,7 @@ def _check_lines(recordings: Iterable[Recording], campaign: Mapping[str, Any]) -
         if "mount" not in campaign:
             check_mount_is_clear(recording.place, recording.lines_outside)
         check_readings_are_corrected(recording.place, recording.lines_outside)
+        check_mean_is_not_removed(recording)
 
 
 def _check_directions(recordings: Iterable[Recording], campaign: Mapping[str, Any]) -> None:
