@@ -50,7 +50,7 @@ from ldbb_bayes.reading.planes import take_plane_option, unread_plane
 from ldbb_bayes.reading.possible_radii import check_radius_is_possible, check_unit_of_radius
 from ldbb_bayes.reading.recording import LOAD_LISTS, LOAD_ROLES, Recording, option_for
 from ldbb_bayes.reading.removed_means import check_mean_is_not_removed
-from ldbb_bayes.reading.repeated_readings import note_repeated_readings
+from ldbb_bayes.reading.repeated_readings import note_repeated_readings, note_repeated_zeros
 from ldbb_bayes.reading.runs_above import with_runs_in_header
 from ldbb_bayes.reading.setups import note_assumed_setup
 from ldbb_bayes.reading.sheet import Sheet
@@ -304,6 +304,7 @@ def _take_conditions_of_all(
         _take_conditions(recording, loads_of_test)
     check_no_test_is_derived(recordings)
     note_repeated_readings(recordings)
+    note_repeated_zeros(recordings)
     note_converted_loads(recordings, log)
 
 
