@@ -9,6 +9,8 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.derived_columns import derived_words, without_derived_words
 from ldbb_bayes.reading.names import name_as_words
@@ -69,6 +71,7 @@ def _check_words_agree(tests: Sequence[tuple[frozenset[str], Recording]]) -> Non
     fewest, plain = min(tests, key=lambda item: len(item[0]))
     for words, test in tests:
         if words != fewest:
+            _check_is_no_copy(test, plain)
             other = plain.title
             if other == test.title:
                 other = f"{plain.sheet.title}, {other}"
@@ -77,6 +80,19 @@ def _check_words_agree(tests: Sequence[tuple[frozenset[str], Recording]]) -> Non
                 f" {other!r}. Leave out files and sheets (--sheets) that are no circles, or"
                 " give each that is a circle a name in a [[test]] of --layout."
             )
+
+
+def _check_is_no_copy(test: Recording, other: Recording) -> None:
+    """Raise an error if a test has exactly the readings of another test of another file."""
+    readings = test.numbers.get("reading")
+    readings_of_other = other.numbers.get("reading")
+    if readings is None or readings_of_other is None or test.sheet.path == other.sheet.path:
+        return
+    if np.array_equal(readings, readings_of_other):
+        raise InputError(
+            f"{test.place}: each test must be imported once, got the readings of"
+            f" {other.sheet.path.name} again. Leave one of the two files out."
+        )
 
 
 def _name_of(recording: Recording) -> str:

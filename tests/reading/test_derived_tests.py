@@ -104,3 +104,20 @@ def test_a_test_of_means_in_a_column_of_tests_is_refused(tmp_path: Path) -> None
     path.write_text("\n".join([*lines, ""]), encoding="utf-8")
     with pytest.raises(lb.InputError, match="test 'mean': each test must be a circle of its own"):
         lb.import_campaign(path)
+
+
+def test_the_copy_of_a_workbook_is_called_a_copy(tmp_path: Path) -> None:
+    book = openpyxl.Workbook()
+    sheet = book.active
+    assert sheet is not None
+    sheet.title = "100 N"
+    sheet.append(["Angle [deg]", "Reading [um]"])
+    for angle_deg in range(0, 360, 10):
+        sheet.append([angle_deg, 5.0 * np.sin(np.deg2rad(angle_deg)) + angle_deg / 700])
+    paths = [tmp_path / "practice.xlsx", tmp_path / "practice copy.xlsx"]
+    for path in paths:
+        book.save(path)
+    with pytest.raises(
+        lb.InputError, match=r"got the readings of practice\.xlsx again\. Leave one"
+    ):
+        lb.import_campaign(paths)
