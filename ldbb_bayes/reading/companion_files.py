@@ -25,7 +25,14 @@ __all__ = [
 ]
 
 # First bytes of PDF files and pictures, which hold no table that can be read.
-_PICTURE_SIGNATURES = (b"%PDF-", b"\x89PNG\r\n", b"\xff\xd8\xff", b"GIF8")
+_PICTURE_SIGNATURES = (
+    b"%PDF-",
+    b"\x89PNG\r\n",
+    b"\xff\xd8\xff",
+    b"GIF8",
+    b"II*\x00",
+    b"MM\x00*",
+)
 # Names of files inside a zip file by which a Word document or a PowerPoint presentation is
 # recognised.
 _PARTS_OF_DOCUMENTS = ("word/document.xml", "ppt/presentation.xml")

@@ -398,6 +398,11 @@ def _first_row_of_numbers(sheet: Sheet, layout: Layout) -> int:
     for k in range(start, min(len(rows) - 1, start + LONGEST_OVERVIEW)):
         if _numbers_begin_at(sheet, k):
             return k
+    if not sheet.rows:
+        raise NoTableError(
+            f"{sheet.path} must hold a table, got a document or a picture. Save its table as CSV,"
+            " or as a workbook."
+        )
     if _has_single_column(rows[start:]):
         raise NoTableError(
             f"{sheet.place} must hold a table with a column of angles, got one column of"

@@ -59,6 +59,11 @@ _MINUS_BEHIND = re.compile(r"(?P<number>\d[\d.,]*[.,]\d+)[-−–]")
 _WEB_PAGE = re.compile(rb"(?:\xef\xbb\xbf)?\s*<(?:!doctype html|html|table|meta)", re.IGNORECASE)
 # Number of bytes at the beginning of a file that are examined for HTML.
 _HEAD_BYTES = 200
+# First bytes of texts in UTF-16, and of files in XML, which is no table of text.
+_MARKS_OF_UTF_16 = (b"\xff\xfe", b"\xfe\xff")
+_XML = (b"<?xml", b"\xef\xbb\xbf<?xml")
+# Regular expression for a character that no text holds, such as NUL.
+_NO_TEXT = re.compile(rb"[\x00-\x08\x0e-\x1f\x7f]")
 # First bytes of compressed files and archives: of gzip, bzip2, xz, 7-Zip and RAR.
 _COMPRESSED = (b"\x1f\x8b", b"BZh", b"\xfd7zXZ\x00", b"7z\xbc\xaf\x27\x1c", b"Rar!\x1a\x07")
 # Characters that may separate the cells of a text file, in order of preference.
@@ -115,8 +120,8 @@ def read_sheets(
         return [Sheet(path, "", [])]
     check_is_no_binary_format(path, raw)
     is_workbook = raw.startswith((ARCHIVE_SIGNATURE, COMPOUND_SIGNATURE))
-    is_web_page = _WEB_PAGE.match(raw[:_HEAD_BYTES]) is not None
-    if is_workbook or (path.suffix.lower() in WORKBOOK_SUFFIXES and not is_web_page):
+    is_text = _WEB_PAGE.match(raw[:_HEAD_BYTES]) is not None or _is_text(raw)
+    if is_workbook or (path.suffix.lower() in WORKBOOK_SUFFIXES and not is_text):
         tables = []
         for sheet in read_workbook(path, raw, sheets):
             tables += _tables_below_each_other(_with_plain_cells(sheet))
@@ -191,6 +196,16 @@ def _sheets_of_entries(sheet: Sheet, text: str) -> list[Sheet]:
     if has_sql_inserts(text):
         return sheets_of_sql_inserts(sheet, text)
     return []
+
+
+def _is_text(raw: bytes) -> bool:
+    """Return whether a file is a text, such as a table with tabs that was saved as ``.xls``.
+
+    ``raw`` is the content of the file. A file in XML does not count.
+    """
+    if raw.startswith(_MARKS_OF_UTF_16):
+        return True
+    return not raw.startswith(_XML) and _NO_TEXT.search(raw) is None
 
 
 def _with_plain_cells(sheet: Sheet) -> Sheet:
