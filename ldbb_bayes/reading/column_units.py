@@ -32,8 +32,9 @@ __all__ = ["is_unit_stated", "unit_in_file", "unit_size"]
 
 # Word that messages show as the unit of a row that has no unit.
 _NO_UNIT = "none"
-# Regular expression for the size of one count in the header of readings, such as 0.1 in "0.1 µm".
-_SIZE_OF_COUNT = re.compile(r"0[.,]0*1\s?[^\W\d]")
+# Regular expression for the size of one count in the header of readings, such as 0.1 in "0.1 µm" or
+# 1/10 in "1/10 µm".
+_SIZE_OF_COUNT = re.compile(r"(?:0[.,]0*1|1/10+|10?[.,]?0*e-\d+)\s?[^\W\d]", re.IGNORECASE)
 # Regular expression for the length that a voltage stands for, as in "1 V = 10 µm" or "10 µm/V".
 _SENSITIVITY = re.compile(
     r"(?<![\d.,])1\s*(?P<volt>m?V)\s*(?:=|≙|:)\s*(?P<size>\d[\d.,]*\s*[^\W\d_]+)"

@@ -246,3 +246,17 @@ def test_a_load_in_newtons_is_read_in_cyrillic(tmp_path: Path) -> None:
     path = circle_with_headers(tmp_path, "угол, град", "отклонение, мкм")
     path = path.rename(tmp_path / "238 Н повтор.csv")
     assert lb.import_campaign(path).campaign.tests[0].force_N == 238.0
+
+
+@pytest.mark.parametrize(
+    ("unit", "size_um"), [("1/10 µm", 0.1), ("1/1000 mm", 1.0), ("1e-6 m", 1.0)]
+)
+def test_a_share_of_a_unit_in_the_header_is_the_size_of_a_count(
+    unit: str, size_um: float, tmp_path: Path
+) -> None:
+    path = tmp_path / "100N.csv"
+    lines = [f"{10 * k};{k % 7 + 3}" for k in range(36)]
+    text = "\n".join([f"Angle [deg];Reading [{unit}]", *lines, ""])
+    path.write_text(text, encoding="utf-8")
+    reading_um = lb.import_campaign(path).campaign.tests[0].reading_um
+    assert reading_um[:2].tolist() == pytest.approx([3 * size_um, 4 * size_um])
