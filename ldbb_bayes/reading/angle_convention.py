@@ -696,6 +696,8 @@ def _check_no_axis(recording: Recording, source: str | CitedLine, text: str) -> 
     axes = [*_AXIS.findall(text), *_AXIS_ZERO.findall(text)]
     is_one_axis = len(axes) == 1 and not _OTHER_AXIS.search(text)
     if is_one_axis or _NO_AXIS.search(text):
+        if not axes:
+            _check_shift(recording, source, text)
         raise _unknown_zero(recording, source, text.strip()[:TEXT_SHOWN])
 
 

@@ -39,3 +39,11 @@ def test_sign_of_an_inverted_signal_is_asked_for(line: str, tmp_path: Path) -> N
 def test_signal_that_is_not_inverted_keeps_its_sign(line: str, tmp_path: Path) -> None:
     test = lb.import_campaign(table(tmp_path, line, "Angle [deg]")).campaign.tests[0]
     assert test.reading_um[70] == 7.0
+
+
+def test_an_offset_of_angles_asks_for_the_angle_of_the_axis(tmp_path: Path) -> None:
+    path = tmp_path / "100N.csv"
+    lines = [f"{10 * k};{k % 7 + 3}" for k in range(36)]
+    path.write_text("\n".join(["Angle offset: 30 deg", "Angle [deg];Reading [um]", *lines, ""]))
+    with pytest.raises(lb.InputError, match="got 'Angle offset: 30 deg' .* --angle-offset-deg"):
+        lb.import_campaign(path)
