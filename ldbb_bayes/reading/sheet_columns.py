@@ -43,6 +43,7 @@ from ldbb_bayes.reading.numerals import (
 from ldbb_bayes.reading.planes import plane_named
 from ldbb_bayes.reading.recording import RowUnits
 from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.sign_columns import check_signs_are_not_apart
 from ldbb_bayes.reading.statistics_rows import (
     statistics_among,
     unfit_among,
@@ -321,6 +322,7 @@ def read_columns(
     heading = name_plane_column(sheet, heading, cells, stated_plane, log)
     check_directions(sheet, heading, cells, layout)
     _check_rows_hold_readings(sheet, heading, lines, cells)
+    check_signs_are_not_apart(sheet, heading, lines, cells)
     numbering = _numbering_columns(heading, cells, layout)
     _check_radii_have_a_unit(sheet, heading, cells, numbering, layout)
     if numbering and "test" not in layout.columns:

@@ -45,5 +45,5 @@ def test_an_offset_of_angles_asks_for_the_angle_of_the_axis(tmp_path: Path) -> N
     path = tmp_path / "100N.csv"
     lines = [f"{10 * k};{k % 7 + 3}" for k in range(36)]
     path.write_text("\n".join(["Angle offset: 30 deg", "Angle [deg];Reading [um]", *lines, ""]))
-    with pytest.raises(lb.InputError, match="got 'Angle offset: 30 deg' .* --angle-offset-deg"):
+    with pytest.raises(lb.InputError, match=r"got 'Angle offset: 30 deg' .* --angle-offset-deg"):
         lb.import_campaign(path)
