@@ -42,6 +42,8 @@ def files(folder: Path, *names: str) -> Sequence[Path]:
         ("36N", "36N_old"),
         ("36N", "36N_ref"),
         ("36N", "Summary 36N"),
+        ("36N", "36N offset"),
+        ("36N", "Chart data 36N"),
     ],
 )
 def test_a_file_computed_from_another_is_refused(names: Sequence[str], tmp_path: Path) -> None:
