@@ -49,11 +49,21 @@ from ldbb_bayes.reading.travel_direction import (
     directions_stated,
     senses_of_header,
 )
-from ldbb_bayes.reading.words import size_of_unit
+from ldbb_bayes.reading.words import comparable, size_of_unit
 from ldbb_bayes.results import Array
 
 __all__ = ["direction_of", "loads_of", "quantity_of"]
 
+# Words in headers for the two ways around a circle. They do not say which is clockwise; opposite
+# ways have opposite signs.
+_WAYS = {
+    "forward": 1,
+    "backward": -1,
+    "forwards": 1,
+    "backwards": -1,
+    "vorwärts": 1,
+    "rückwärts": -1,
+}
 # If two lines of a file state a quantity, such as the radius, their values agree if the relative
 # difference is at most this number.
 _ROUNDED_IN_LINE = 1e-3
@@ -554,6 +564,27 @@ def _sense_beside_its_opposite(recording: Recording) -> set[str]:
     return senses if len(senses) == 1 and opposite in senses_of_columns else set()
 
 
+def _check_ways_are_stated(recording: Recording) -> None:
+    """Raise an error for a column such as ``Forward`` beside a column ``Backward``.
+
+    Both name a direction of travel, but do not say which of them is clockwise.
+    """
+    column = recording.heading.roles.get("reading")
+    if column is None:
+        return
+    headers = recording.heading.headers
+    ways = [_WAYS.get(comparable(unit_of(header).name)) for header in headers]
+    way = ways[column]
+    if way is None or -way not in ways:
+        return
+    opposite = headers[ways.index(-way)]
+    raise InputError(
+        f"{recording.place}: direction must be CW or CCW, got column {headers[column]!r} beside"
+        f" {opposite!r}. Write CW and CCW into their headers, or give direction in a [[test]] of"
+        " --layout."
+    )
+
+
 def _contradiction_of(senses: set[str]) -> str:
     """Return a text which says that a file contradicts the direction of travel the user gave.
 
@@ -618,6 +649,7 @@ def direction_of(recording: Recording) -> str | None:
     )
     if not senses:
         check_direction_is_clear(recording.place, recording.lines_outside)
+        _check_ways_are_stated(recording)
         return None
     direction = senses.pop()
     if not column_senses:

@@ -36,3 +36,14 @@ def test_a_sign_is_asked_about(line: str, tmp_path: Path) -> None:
 
 def test_a_missing_direction_is_not_asked_about(tmp_path: Path) -> None:
     assert lb.import_campaign(written(tmp_path, "Direction: -")).campaign.tests[0].direction is None
+
+
+def test_columns_of_two_ways_need_a_direction(tmp_path: Path) -> None:
+    lines = ["Angle [deg];Forward [um];Backward [um]"]
+    lines += [f"{10 * k};{k % 7}.25;{k % 5}.75" for k in range(36)]
+    path = tmp_path / "100N.csv"
+    path.write_text("\n".join([*lines, ""]))
+    layout = lb.reading.Layout(columns={"reading": ["Forward [um]", "Backward [um]"]})
+    message = r"got column 'Forward \[um\]' beside 'Backward \[um\]'\. Write CW and CCW"
+    with pytest.raises(lb.InputError, match=message):
+        lb.import_campaign(path, layout=layout)
