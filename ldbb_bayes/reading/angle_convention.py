@@ -37,6 +37,7 @@ __all__ = [
     "AngleConvention",
     "angle_convention",
     "angle_of_axis",
+    "header_of_rotary_axis",
     "header_of_rotation",
     "is_about_angles",
     "name_is_about_angles",
@@ -97,6 +98,8 @@ _TRAVELLED = re.compile(_WORDS["travelled"], re.IGNORECASE)
 # Regular expression for words in a header, such as "path angle", which leave open whether angles
 # are counted in the direction of travel.
 _ROTATION = re.compile(_WORDS["rotation"], re.IGNORECASE)
+# Regular expression for the name of a rotary axis of the machine, such as "C axis".
+_ROTARY_AXIS = re.compile(_WORDS["rotary_axis"], re.IGNORECASE)
 # Regular expression for words that mean an angle.
 _ANGLE = re.compile(_WORDS["angle"], re.IGNORECASE)
 # Regular expression for words which show that an axis in the same text is not the axis at which
@@ -193,6 +196,19 @@ def header_of_rotation(recording: Recording) -> str:
         return ""
     header = _header_of_angles(recording)
     return header if _ROTATION.search(name_as_words(header)) else ""
+
+
+def header_of_rotary_axis(recording: Recording) -> str:
+    """Return the header of the angles if it names a rotary axis, such as ``C axis [deg]``.
+
+    The result is empty for any other header, and if the layout states in which sense angles are
+    counted.
+    """
+    layout = recording.layout
+    if layout.angle_sense is not None or layout.angle_sign is not None:
+        return ""
+    header = _header_of_angles(recording)
+    return header if _ROTARY_AXIS.search(header) else ""
 
 
 def _sense_of_travelled_angle(recording: Recording) -> str:

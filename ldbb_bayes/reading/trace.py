@@ -9,7 +9,11 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.errors import InputError, placed, require
-from ldbb_bayes.reading.angle_convention import angle_convention, header_of_rotation
+from ldbb_bayes.reading.angle_convention import (
+    angle_convention,
+    header_of_rotary_axis,
+    header_of_rotation,
+)
 from ldbb_bayes.reading.angular_speed import feed_of_angular_speed
 from ldbb_bayes.reading.assumptions import NOTHING_STATED
 from ldbb_bayes.reading.cartesian_columns import (
@@ -474,6 +478,20 @@ def _handle_laps(recording: Recording, trace: Trace) -> Trace:
     return trace
 
 
+def _check_axis_is_clear(recording: Recording, trace: Trace) -> None:
+    """Raise an error if the angle of a rotary axis falls and nothing states the direction.
+
+    The axis may have turned clockwise, or it may count clockwise angles as positive.
+    """
+    header = header_of_rotary_axis(recording)
+    falls = float(np.median(np.diff(recording.numbers["angle"]))) < 0.0
+    require(
+        not header or not falls or trace.direction is not None,
+        f"{header!r} must have a known sense, got falling angles and no direction. If the circle"
+        " ran clockwise, give --direction CW; if the axis counts clockwise, give --angle-sense CW.",
+    )
+
+
 def _check_direction(recording: Recording, trace: Trace, n_laps: float) -> None:
     """Add a note if the stated direction of travel contradicts the order of the angles.
 
@@ -487,6 +505,7 @@ def _check_direction(recording: Recording, trace: Trace, n_laps: float) -> None:
     angles and the stated direction of travel.
     """
     run = direction_of_travel(trace.angle_deg)
+    _check_axis_is_clear(recording, trace)
     if trace.direction is None or run in (None, trace.direction):
         return
     layout = recording.layout

@@ -47,3 +47,15 @@ def test_an_offset_of_angles_asks_for_the_angle_of_the_axis(tmp_path: Path) -> N
     path.write_text("\n".join(["Angle offset: 30 deg", "Angle [deg];Reading [um]", *lines, ""]))
     with pytest.raises(lb.InputError, match=r"got 'Angle offset: 30 deg' .* --angle-offset-deg"):
         lb.import_campaign(path)
+
+
+def test_a_falling_rotary_axis_needs_its_sense(tmp_path: Path) -> None:
+    path = tmp_path / "100N.csv"
+    lines = [f"{-10 * k};{k % 7 + 3}" for k in range(36)]
+    path.write_text("\n".join(["C axis [deg];Reading [um]", *lines, ""]))
+    with pytest.raises(lb.InputError, match=r"'C axis \[deg\]' must have a known sense"):
+        lb.import_campaign(path)
+    test = lb.import_campaign(path, layout=lb.reading.Layout(direction="CW")).campaign.tests[0]
+    assert test.angle_deg[1] == pytest.approx(-10.0)
+    test = lb.import_campaign(path, layout=lb.reading.Layout(angle_sense="CW")).campaign.tests[0]
+    assert test.angle_deg[1] == pytest.approx(10.0)
