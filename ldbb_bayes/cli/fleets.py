@@ -120,15 +120,22 @@ def _batch_parts(result: lb.fleet.Batch) -> tuple[Table | str, ...]:
         ("in all", result.campaigns),
     )
     remarks: list[str] = []
-    for heading, entries in (("Failed", result.failed), ("To look at", result.doubts)):
+    to_look_at = (*result.doubts, *result.odd_readings)
+    for heading, entries in (("Failed", result.failed), ("To look at", to_look_at)):
         if entries:
             remarks.append(f"{heading}:")
         for entry in entries[:_LISTED]:
             campaign, reason = entry.values()
             remarks.append(f"  {campaign}: {reason}")
-    if remarks:
+    if result.failed:
         remarks.append(
-            "Each is a row too. What has been mended is done again with --resume --retry."
+            "Each is a row too. A failed one that has been mended is done again with --resume"
+            " --retry."
+        )
+    if to_look_at:
+        remarks.append(
+            "One to look at is not done again when it has been mended: begin the batch anew"
+            " (--force)."
         )
     ending = "Nothing was left to do."
     if result.fitted:

@@ -99,6 +99,10 @@ class Batch(Result):
     #: file paths in the folders of campaigns that are no campaigns, such as tables and subfolders
     #: without a campaign.toml; only the first 10 000 are listed
     passed_over: tuple[str, ...] = ()
+    #: one dictionary for each campaign with a test that was read twice or has the other sign; only
+    #: the first 10 000 of these campaigns are listed. The key ``campaign`` holds the file path of
+    #: the campaign. The key ``remark`` says which tests these are.
+    odd_readings: tuple[dict[str, str], ...] = ()
 
     def rows(self) -> pd.DataFrame:
         """Return the table of the batch, one row per campaign; `read_batch` lists its columns."""
@@ -249,6 +253,7 @@ def run_batch(
             seconds=seconds,
             resumed=resumed,
             passed_over=passed_over[:_LONGEST_NAMED],
+            odd_readings=_campaigns_with_odd_readings(journal),
         )
 
 
@@ -442,3 +447,21 @@ def _named_campaigns(
     saved = journal.execute(query, (*states, _LONGEST_NAMED))
     rows = [json.loads(row) for (row,) in saved]
     return tuple({"campaign": row["campaign"], column: row[column]} for row in rows)
+
+
+def _campaigns_with_odd_readings(journal: sqlite3.Connection) -> tuple[dict[str, str], ...]:
+    """Return one dictionary for each campaign with a test read twice or of the other sign.
+
+    Each dictionary has the entries "campaign", the file path of the campaign, and "remark", the
+    sentences on these tests. ``journal`` is the database with the rows of the batch. At most
+    10 000 dictionaries are returned.
+    """
+    query = (
+        "SELECT row FROM campaigns WHERE json_array_length(row, '$.odd_readings') > 0"
+        " ORDER BY number LIMIT ?"
+    )
+    campaigns = []
+    for (saved,) in journal.execute(query, [_LONGEST_NAMED]):
+        row = json.loads(saved)
+        campaigns.append({"campaign": row["campaign"], "remark": " ".join(row["odd_readings"])})
+    return tuple(campaigns)

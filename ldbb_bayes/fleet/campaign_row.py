@@ -28,6 +28,8 @@ from ldbb_bayes.analysis.tolerances import (
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import labels_of, read_campaign
 from ldbb_bayes.campaign.placed_circles import placed_circles
+from ldbb_bayes.campaign.preview import check_campaign
+from ldbb_bayes.campaign.remarks import RemarkKind
 from ldbb_bayes.errors import LONGEST_MESSAGE, InputError, check_known, plain_reason
 from ldbb_bayes.fleet.campaign_statistics import sufficient_statistics
 from ldbb_bayes.fleet.dataset import PARAMETER_COLUMNS
@@ -40,6 +42,7 @@ from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.specification import model_from_toml, model_sha256
 from ldbb_bayes.parallel import one_blas_thread, versions
 from ldbb_bayes.report.fit_description import words_of_fit
+from ldbb_bayes.report.wording import remark_words
 from ldbb_bayes.units import inside_name
 
 __all__ = ["Job", "Settings", "check_tolerances", "failed_row", "fit_row"]
@@ -58,6 +61,9 @@ _CAMPAIGN_COLUMNS = (
     "topology",
     "readings",
 )
+# Kinds of remarks on readings that make the results of a fit wrong without any sign of it in the
+# fit: two tests with the same readings, and a test whose readings have the other sign.
+_ODD_READINGS = (RemarkKind.COPY, RemarkKind.MIRRORED)
 
 
 @dataclass(frozen=True)
@@ -114,8 +120,9 @@ def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
 
     Returns
     -------
-    Dictionary of the values in the row; the keys are names of columns. The entry ``parameters``
-    holds the unit, moments and credible interval of each parameter, and the entry ``stiffness``
+    Dictionary of the values in the row; the keys are names of columns. The entry ``odd_readings``
+    holds a sentence on each test that was read twice or has the other sign. ``parameters`` holds
+    the unit, moments and credible interval of each parameter, and the entry ``stiffness``
     holds the same numbers for each stiffness by direction. The entry ``conformity`` holds, for each
     quantity with a tolerance, the probability of conformity and the decision. The row of a campaign
     that cannot be fitted has the status "failed" and states the reason.
@@ -258,6 +265,8 @@ def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
     bound = density.bound
     confounded = confounded_at(bound, fitted.draws.phi.mean(axis=0))
     words = words_of_fit(fitted.fit, fitted.sampler, bound, confounded)
+    remarks = check_campaign(campaign).remarks
+    odd_readings = [odd for odd in remarks if odd.kind in _ODD_READINGS]
     columns: dict[str, Any] = {}
     breakdowns = []
     further = _functions_of_further_columns(settings, campaign, density, fitted)
@@ -273,7 +282,9 @@ def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
         "terms": list(bound.terms),
         "converged": bool(fitted.sampler["converged"]),
         **words,
+        "kinds": [*words["kinds"], *dict.fromkeys(str(odd.kind) for odd in odd_readings)],
         "warnings": [*words["warnings"], *breakdowns],
+        "odd_readings": [remark_words(odd) for odd in odd_readings],
         "log_prob_truncation": fitted.fit.log_prob_truncation,
         "rmse_um": fitted.fit.rmse_um,
         "parameters": _parameter_numbers(fitted, settings.prob),

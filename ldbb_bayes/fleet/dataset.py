@@ -296,7 +296,8 @@ def read_batch(
     - ``converged``: whether the sampler reached its target. ``state``: how far the fit can be
       trusted. ``verdict``: a sentence on the fit. ``warnings``, ``misfits``: the texts of the
       warnings, and of the misfits (disagreements between readings and model). ``kinds``: the kind
-      of each warning and misfit.
+      of each warning and misfit; "copy" if a test was read twice, and "sign of one test" if the
+      readings of a test have the other sign.
     - ``log_prob_truncation``: log probability that no compliance is negative [nat].
     - ``rmse_um``: root mean square of the residuals [µm].
     - ``log_bayes_factor``, ``log_bayes_factor_error``: log Bayes factor of linear over constant

@@ -11,6 +11,7 @@ from typing import Any
 
 import pandas as pd
 
+from ldbb_bayes.campaign.remarks import RemarkKind
 from ldbb_bayes.errors import InputError, suggestion
 from ldbb_bayes.fleet.dataset import FLEET_COLUMNS, READINGS_DIGESTS
 from ldbb_bayes.inference.checks import CheckKind
@@ -49,6 +50,8 @@ class CaveatKind(StrEnum):
     UNEXPECTED = "unexpected"
     NOT_CONVERGED = "not-converged"
     NOT_WHITE = "not-white"
+    READ_TWICE = "read-twice"
+    OTHER_SIGN = "other-sign"
     NO_MACHINES = "no-machines"
     WITHOUT_MACHINE = "without-machine"
     MACHINES_OF_THEIR_OWN = "machines-of-their-own"
@@ -62,6 +65,14 @@ class CaveatKind(StrEnum):
     CONTRADICTED_INSTRUMENT = "contradicted-instrument"
     FEW_MACHINES = "few-machines"
     UNCERTAIN_P_VALUES = "uncertain-p-values"
+
+
+# Caveats on campaigns that are used although a remark says that some of their readings are wrong.
+# The values are the kinds of these remarks in the rows of a batch.
+_CAVEATS_ON_READINGS: dict[CaveatKind, str] = {
+    CaveatKind.READ_TWICE: RemarkKind.COPY,
+    CaveatKind.OTHER_SIGN: RemarkKind.MIRRORED,
+}
 
 
 @dataclass(frozen=True)
@@ -136,7 +147,8 @@ def choose(
     Returns
     -------
     The rows to use, and caveats. The caveats name the campaigns that are left out, and those that
-    are kept although their sampler did not converge or their noise is not white.
+    are kept although their sampler did not converge, their noise is not white, a test was read
+    twice or a test has the other sign.
 
     Raises
     ------
@@ -167,6 +179,9 @@ def choose(
     )
     selection.add_caveat(CaveatKind.NOT_CONVERGED, used_rows["converged"].eq(False))
     selection.add_caveat(CaveatKind.NOT_WHITE, not_white)
+    for caveat_kind, remark_kind in _CAVEATS_ON_READINGS.items():
+        is_odd = _reports_any_of(used_rows, frozenset({remark_kind}))
+        selection.add_caveat(caveat_kind, is_odd)
     return used_rows, selection.caveats
 
 

@@ -15,7 +15,7 @@ from campaigns import TRUTH, plan, refuses
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.loading import MountCompensation
 from ldbb_bayes.fleet.dataset import DATASET, FLEET_COLUMNS, read_fleet
-from ldbb_bayes.fleet.selection import CaveatKind
+from ldbb_bayes.fleet.selection import CaveatKind, choose
 
 pytest.importorskip("pyarrow")
 
@@ -121,3 +121,32 @@ def test_a_trend_of_readings_given_twice_says_so(batch: Path) -> None:
         same,
         include_misfits=True,
     )
+
+
+def test_a_test_read_twice_and_one_of_the_other_sign_are_named(tmp_path: Path) -> None:
+    """A batch names such campaigns; a trend or a population that uses them says so."""
+    planned = plan((60,) * 4, forces_N=(36.0, 300.0, 550.0, 742.0))
+    sound = CONSTANT.simulate(
+        planned, seed=5, parameters=TRUTH, hyper_um={"sigma": 0.3, "tau": 0.5}
+    ).campaign
+    last = sound.tests[3]
+    again = replace(last, name="again")
+    turned = last.with_reading_um(-np.asarray(last.reading_um))
+    campaigns = {
+        "sound": sound,
+        "twice": replace(sound, tests=(*sound.tests, again)),
+        "turned": replace(sound, tests=(*sound.tests[:3], turned)),
+    }
+    folders = [
+        lb.write_campaign(replace(campaign, name=name), tmp_path / name)
+        for name, campaign in campaigns.items()
+    ]
+    batch = lb.fleet.run_batch(folders, tmp_path / "out", model=CONSTANT, ess=100.0, compare=False)
+    remarks = {Path(odd["campaign"]).name: odd["remark"] for odd in batch.odd_readings}
+    assert list(remarks) == ["twice", "turned"]
+    assert f"Tests {last.name} and again hold the same readings" in remarks["twice"]
+    assert f"The mean reading of {last.name} is" in remarks["turned"]
+    _, caveats = choose(read_fleet(batch.out), include_misfits=True)
+    names = {caveat.kind: caveat.names for caveat in caveats}
+    assert names[CaveatKind.READ_TWICE] == ("twice",)
+    assert names[CaveatKind.OTHER_SIGN] == ("turned",)
