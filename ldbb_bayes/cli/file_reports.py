@@ -464,6 +464,7 @@ def _printed_annex(analyses: _Analyses) -> tuple[Any, ...]:
         parts.append(comparison)
     else:
         parts.append(wording.comparison_sentences(comparison)[0])
+        parts += wording.odd_tests_sentences(comparison)
     design = analyses.design()
     if isinstance(design, str):
         parts.append(design)

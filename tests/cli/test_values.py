@@ -12,7 +12,7 @@ from typer.models import CommandInfo
 import ldbb_bayes as lb
 from ldbb_bayes.cli import app
 from ldbb_bayes.cli.chosen_model import model_options
-from ldbb_bayes.cli.file_reports import _next_tests
+from ldbb_bayes.cli.file_reports import _Analyses, _next_tests, _printed_annex
 from ldbb_bayes.cli.goal_designs import running_order
 from ldbb_bayes.cli.questions import _read_topology
 from ldbb_bayes.cli.ranges import read_force_levels
@@ -116,6 +116,22 @@ def test_tests_are_listed_with_plane_set_up_and_balls_where_they_differ(
     assert running_order(two_planes) == f"a ({settings[0]}), b ({settings[1]})"
     listed = f"Run next, in this order: 417 N ({settings[0]}), 417 N ({settings[1]}). At these"
     assert _next_tests(two_planes).startswith(listed)
+
+
+@pytest.mark.parametrize("is_odd", [False, True])
+def test_a_report_names_an_odd_circle_at_the_terminal(
+    is_odd: bool, compared: lb.analysis.Comparison
+) -> None:
+    tests = {}
+    for name, test in compared.tests.items():
+        p_value = 0.001 if is_odd and name == "f490" else 0.5
+        tests[name] = replace(test, lofo_family_wise_p_value=p_value, flag=p_value < 0.02)
+    analyses = _Analyses(replace(compared, tests=tests), None, lambda: "No design.")
+    first, *others = _printed_annex(analyses)
+    assert "ln B(linear/constant)" in first
+    assert others[-1] == "No design."
+    assert len(others) == 1 + is_odd
+    assert others[0].startswith("f490 does not belong with the others") is is_odd
 
 
 @pytest.mark.parametrize("command", app.registered_commands, ids=lambda command: command.name)

@@ -19,6 +19,7 @@ from ldbb_bayes.report.wording.comparison_words import (
     averaged_over,
     comparison_screen,
     comparison_sentences,
+    odd_tests_sentences,
     strength_words,
 )
 from ldbb_bayes.report.wording.degeneracy_words import (
@@ -174,6 +175,7 @@ __all__ = [
     "next_circle_tolerances",
     "not_modelled_sentences",
     "nuisance_words",
+    "odd_tests_sentences",
     "origin_words",
     "origins_in_words",
     "p_value_digits",

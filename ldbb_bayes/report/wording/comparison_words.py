@@ -14,7 +14,13 @@ from ldbb_bayes.report.wording.sentence_file import SentenceFile
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.comparison import Comparison
 
-__all__ = ["averaged_over", "comparison_screen", "comparison_sentences", "strength_words"]
+__all__ = [
+    "averaged_over",
+    "comparison_screen",
+    "comparison_sentences",
+    "odd_tests_sentences",
+    "strength_words",
+]
 
 _STRENGTHS = (
     # Words for the strength of evidence expressed by a Bayes factor B. Each entry has an upper
@@ -40,6 +46,13 @@ def comparison_sentences(comparison: Comparison) -> tuple[str, ...]:
 def comparison_screen(comparison: Comparison) -> tuple[str, ...]:
     """Return the most important sentences on a comparison of models."""
     return _TEMPLATES.sentences("comparison_screen", comparison)
+
+
+def odd_tests_sentences(comparison: Comparison) -> tuple[str, ...]:
+    """Return sentences on the tests that do not belong with the others; empty if all belong."""
+    if not any(test.stands_out for test in comparison.tests.values()):
+        return ()
+    return _TEMPLATES.sentences("left_out", comparison.tests)
 
 
 @_TEMPLATES.filter
