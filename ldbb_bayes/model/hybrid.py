@@ -1238,30 +1238,3 @@ def _check_force_levels(model: HybridModel, campaign: Campaign) -> None:
         f" {degree}, got {levels}: compliance and geometry cannot be separated. Use the default"
         " preset, a lower degree, or add tests at another force.",
     )
-    if model.prior.flat:
-        _check_force_levels_of_planes(degree, campaign)
-
-
-def _check_force_levels_of_planes(degree: int, campaign: Campaign) -> None:
-    """Raise an `InputError` if a plane has too few different forces for flat priors.
-
-    Each plane has a cross compliance and a squareness error of its own, which have the same
-    harmonics. ``degree`` is the degree k of compliance. To separate k + 1 coefficients of the cross
-    compliance from the squareness error, a plane needs at least k + 2 tests that differ in force or
-    circle. On a single circle, these are k + 2 force levels.
-    """
-    circles = [test.circle for test in campaign.tests]
-    for plane in dict.fromkeys(circle.plane for circle in circles):
-        different = 0
-        for circle in set(circles):
-            if circle.plane == plane:
-                of_circle = [other == circle for other in circles]
-                different += len(distinct_forces(campaign.forces_N[of_circle]))
-        fewest_in_words = ("two", "three", "four")[degree]
-        require(
-            different >= degree + 2,
-            f"flat priors must have at least {fewest_in_words} tests of different forces or"
-            f" circles in plane {plane} at degree {degree}, got {different}: compliance"
-            " and geometry cannot be separated. Use the default preset, a lower degree,"
-            " or add tests of this plane at another force.",
-        )

@@ -208,18 +208,6 @@ def test_forces_a_model_needs(model: lb.HybridModel, forces: tuple, message: str
     refuses(message, model.bind, plan([40] * len(forces), forces_N=forces))
 
 
-def test_forces_that_flat_priors_need_in_every_plane() -> None:
-    """Four forces in all, but two in each plane, do not separate C_XYX from E_C(0Y)X."""
-    tests = []
-    for plane, force_N in (("XY", 100.0), ("XY", 300.0), ("YZ", 500.0), ("YZ", 700.0)):
-        angle_deg = np.arange(0.0, 360.0, 10.0)
-        tests.append(lb.CircularTest(force_N, angle_deg, np.zeros(36), plane=plane))
-    campaign = lb.Campaign(tests)
-    message = "at least three tests of different forces or circles in plane XY at degree 1, got 2"
-    refuses(message, lb.HybridModel.paper(1).bind, campaign)
-    assert lb.HybridModel.paper(0).bind(campaign).names
-
-
 @pytest.mark.parametrize(
     ("moves", "places"), [("zero", [0]), ("centre", [1, 2]), ("together", [0, 1, 2])]
 )
