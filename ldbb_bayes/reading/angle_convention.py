@@ -712,8 +712,6 @@ def _check_no_axis(recording: Recording, source: str | CitedLine, text: str) -> 
     axes = [*_AXIS.findall(text), *_AXIS_ZERO.findall(text)]
     is_one_axis = len(axes) == 1 and not _OTHER_AXIS.search(text)
     if is_one_axis or _NO_AXIS.search(text):
-        if not axes:
-            _check_shift(recording, source, text)
         raise _unknown_zero(recording, source, text.strip()[:TEXT_SHOWN])
 
 
@@ -724,7 +722,7 @@ def _unknown_zero(recording: Recording, source: str | CitedLine, shown: str) -> 
     """
     return OpenQuestionError(
         f"{recording.place}: angles must begin at an axis, got {shown!r} in {source}. Say at which:"
-        " --angle-zero +X, +Y, -X or -Y.",
+        " --angle-zero +X, +Y, -X or -Y. If they begin at no axis, give --angle-offset-deg.",
         "angle_zero",
         ("+X", "+Y", "-X", "-Y"),
     )

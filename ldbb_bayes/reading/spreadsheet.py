@@ -119,9 +119,7 @@ def read_sheets(
     if is_document(raw):
         return [Sheet(path, "", [])]
     check_is_no_binary_format(path, raw)
-    is_workbook = raw.startswith((ARCHIVE_SIGNATURE, COMPOUND_SIGNATURE))
-    is_text = _WEB_PAGE.match(raw[:_HEAD_BYTES]) is not None or _is_text(raw)
-    if is_workbook or (path.suffix.lower() in WORKBOOK_SUFFIXES and not is_text):
+    if _is_workbook(path, raw):
         tables = []
         for sheet in read_workbook(path, raw, sheets):
             tables += _tables_below_each_other(_with_plain_cells(sheet))
@@ -196,6 +194,14 @@ def _sheets_of_entries(sheet: Sheet, text: str) -> list[Sheet]:
     if has_sql_inserts(text):
         return sheets_of_sql_inserts(sheet, text)
     return []
+
+
+def _is_workbook(path: Path, raw: bytes) -> bool:
+    """Return whether a file with the content ``raw`` is a workbook, possibly a damaged one."""
+    if raw.startswith((ARCHIVE_SIGNATURE, COMPOUND_SIGNATURE)):
+        return True
+    is_text = _WEB_PAGE.match(raw[:_HEAD_BYTES]) is not None or _is_text(raw)
+    return path.suffix.lower() in WORKBOOK_SUFFIXES and not is_text
 
 
 def _is_text(raw: bytes) -> bool:
