@@ -483,10 +483,12 @@ def _check_axis_is_clear(recording: Recording, trace: Trace) -> None:
 
     The axis may have turned clockwise, or it may count clockwise angles as positive.
     """
+    if "angle" not in recording.numbers or trace.direction is not None:
+        return
     header = header_of_rotary_axis(recording)
     falls = float(np.median(np.diff(recording.numbers["angle"]))) < 0.0
     require(
-        not header or not falls or trace.direction is not None,
+        not (header and falls),
         f"{header!r} must have a known sense, got falling angles and no direction. If the circle"
         " ran clockwise, give --direction CW; if the axis counts clockwise, give --angle-sense CW.",
     )
