@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ldbb_bayes.campaign.circular_test import CENTRE
+from ldbb_bayes.model.campaign_setting import geometric_errors_of
 from ldbb_bayes.model.fourier import harmonic_index
 from ldbb_bayes.model.hybrid import BoundModel
-from ldbb_bayes.model.setting import geometric_errors_of
 from ldbb_bayes.results import Array
 
 __all__ = [

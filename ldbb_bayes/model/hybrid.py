@@ -27,6 +27,7 @@ from ldbb_bayes.errors import InputError, check_known, check_seed, require
 from ldbb_bayes.machine.exact import geometric_reading_mm
 from ldbb_bayes.machine.linear import kept_compliances
 from ldbb_bayes.machine.parameters import ComplianceName, GeometricName
+from ldbb_bayes.model.campaign_setting import geometric_errors_of, setting_of
 from ldbb_bayes.model.column_checks import checked_columns
 from ldbb_bayes.model.conditional import ParameterConditional
 from ldbb_bayes.model.fourier import basis
@@ -57,7 +58,7 @@ from ldbb_bayes.model.reduced_readings import reduced_readings
 from ldbb_bayes.model.reduction import Reduced
 from ldbb_bayes.model.reference_posterior import ReferencePosterior, fixed_point
 from ldbb_bayes.model.rivals import RIVALS
-from ldbb_bayes.model.setting import Setting, geometric_errors_of, setting_of
+from ldbb_bayes.model.setting import Setting
 from ldbb_bayes.model.simulation import (
     Simulation,
     draw_nuisances,

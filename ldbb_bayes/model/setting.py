@@ -10,22 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from math import gamma
 from typing import Any, Literal, NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Instrument
-from ldbb_bayes.campaign.circular_test import setup_number
-from ldbb_bayes.campaign.directions import planes_run_both_ways
-from ldbb_bayes.campaign.run_times import SECONDS_PER_TEST
+from ldbb_bayes.campaign.campaign import Instrument
 from ldbb_bayes.errors import require
-from ldbb_bayes.machine.linear import compliance_jacobian, geometric_jacobian
-from ldbb_bayes.machine.parameters import ComplianceName, GeometricName, geometric_names
-from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, basis, coefficients, harmonic_index
+from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, basis, harmonic_index
 from ldbb_bayes.results import Array
 
 __all__ = [
@@ -34,8 +28,6 @@ __all__ = [
     "CirclePath",
     "GroupOfTests",
     "Setting",
-    "geometric_errors_of",
-    "setting_of",
 ]
 
 # Sign of each direction of travel along a circle: 1 for clockwise (CW), −1 for counterclockwise
@@ -44,10 +36,6 @@ TRAVEL_SIGNS = {"CW": 1.0, "CCW": -1.0}
 # Name of the direction of travel along a circle for each sign: clockwise (CW) for 1,
 # counterclockwise (CCW) for −1.
 TRAVEL_NAMES = {1.0: "CW", -1.0: "CCW"}
-_SECONDS_PER_HOUR = 3600.0
-# If the times of all tests differ from their mean by less than this number of hours, all tests are
-# treated as if they were run at the same time.
-_SAME_TIME_H = 1e-9
 # Fourier coefficients of powers |u|^a of a component u of the bar's direction are set to zero if
 # their absolute value is at most this number, because they are then rounding errors.
 _POWER_ROUNDING = 1e-12
@@ -57,9 +45,6 @@ _KEPT_POWERS = 256
 # Fourier coefficients of rotated harmonics cos n(θ − ψ), sin n(θ − ψ) are set to zero if their
 # absolute value is below this number, because they are then rounding errors.
 _ROTATION_ROUNDING = 1e-14
-# Two clocking angles count as equal if the distance between their points on the unit circle is at
-# most this number.
-_SAME_CLOCKING = 1e-9
 
 
 class GroupOfTests(NamedTuple):
@@ -108,9 +93,9 @@ class Setting:
     travel: Array
     #: time of each test minus the mean time of the campaign [h], shape (tests,). For a plan, the
     #: mean time of the campaign from which it was designed (its pilot) is subtracted. If times are
-    #: missing, they are derived from the order in which the tests are listed (``_time_h`` states
-    #: the rules). All values are NaN if times are missing and the user has declared that the tests
-    #: were run in random order, or if all tests have the same time.
+    #: missing, they are derived from the order in which the tests are listed (`relative_times_h`
+    #: states the rules). All values are NaN if times are missing and the user has declared that the
+    #: tests were run in random order, or if all tests have the same time.
     time_h: Array
     #: temperature of each test minus the mean temperature of the campaign [K], shape (tests,); NaN
     #: if unknown. For a plan, the mean temperature of the campaign from which it was designed (its
@@ -372,292 +357,3 @@ def _power_of_cosine(first_harmonics: bytes, power: float, *, signed: bool) -> A
     amplitude = np.hypot(cosine, sine)[:, None] ** power
     values = amplitude * series[ORDERS] * basis(np.arctan2(sine, cosine))
     return np.where(np.abs(values) > _POWER_ROUNDING, values, 0.0)
-
-
-class _MachineColumns(NamedTuple):
-    """Direction of the bar and effects of parameters, as functions of the angle on a circle.
-
-    Each field holds Fourier coefficients, shape (..., 25, columns). ``direction`` is the unit
-    vector along the bar; its columns are the components X, Y, Z. ``elastic`` is the reading per
-    unit force and per unit of each compliance, and ``geometric`` is the reading per unit of each
-    geometric error.
-    """
-
-    direction: Array
-    elastic: Array
-    geometric: Array
-
-
-# Cache of the effects of compliances and geometric errors on the readings. For each campaign, it
-# has one entry for every set of compliances that a model uses. The cache saves time because a
-# comparison applies hundreds of models to one campaign.
-_MACHINE_COLUMNS: WeakKeyDictionary[Campaign, dict[tuple[ComplianceName, ...], _MachineColumns]] = (
-    WeakKeyDictionary()
-)
-
-
-def geometric_errors_of(campaign: Campaign) -> tuple[GeometricName, ...]:
-    """Return the names of the geometric errors of a campaign's machine.
-
-    The names include offsets of the tool ball from its nominal position, which are separate for
-    each set-up. A set-up has an offset along every axis that lies in the plane of at least one of
-    its tests; tests that are foreseen but not yet run count as well. The name of an offset ends in
-    the number of its set-up. For the first set-up, the name has no number. A test that states no
-    set-up belongs to the first one.
-    """
-    names: list[GeometricName] = []
-    for name in geometric_names(campaign.machine()):
-        if name.kind != "offset":
-            names.append(name)
-            continue
-        setups = {
-            setup_number(test) for test in campaign.scope if name.component in str(test.plane)
-        }
-        for setup in sorted(setups):
-            names.append(replace(name, setup=0 if setup == 1 else setup))
-    return tuple(names)
-
-
-def setting_of(
-    campaign: Campaign,
-    compliances: Sequence[ComplianceName],
-    reference_force_N: float | None,
-    *,
-    pilot: Campaign | None,
-    coefficients_of_pilot: bool,
-) -> Setting:
-    """Return the conditions of the tests of a campaign or plan, as the model needs them.
-
-    Some fields are filled in only when a model is applied to the campaign. Until then, the
-    estimated compliances and the readings that they predict are zero, and no circle has a factor
-    that multiplies its noise.
-
-    Parameters
-    ----------
-    campaign
-        Campaign or plan.
-    compliances
-        Names of the compliances of the model.
-    reference_force_N
-        Reference force F0 [N]; None means the midpoint of the range of forces.
-    pilot
-        Campaign from which a plan takes F0 (if ``reference_force_N`` is None), the range of the
-        forces, and the mean time and temperature. If it is None, these values are taken from
-        ``campaign`` itself.
-    coefficients_of_pilot
-        Whether the coefficients of all effects are those of an analysis of the pilot. The largest
-        force and the reference of the travel are then those of the pilot. Otherwise they are those
-        of ``campaign``, because an analysis of the planned tests takes them from these.
-    """
-    machine = campaign.machine()
-    tests = campaign.tests
-    columns = _machine_columns(campaign, compliances)
-    clockings = np.deg2rad([[test.work_ball_deg, test.tool_ball_deg] for test in tests])
-    turned = np.exp(1j * clockings)
-    clocked = bool(np.abs(turned - turned[0]).max() > _SAME_CLOCKING)
-    reference = pilot or campaign
-    analysed = reference if coefficients_of_pilot else campaign
-    forces = reference.forces_N
-    if reference_force_N is None:
-        reference_force_N = (forces.min() + forces.max()) / 2.0
-    setup = np.array([setup_number(test) for test in tests])
-    radius_mm = _radii_mm(tests)
-    travel = np.array([TRAVEL_SIGNS[test.direction or "CW"] for test in tests])
-    plane_of_tests = [str(test.plane) for test in tests]
-    paths = map(CirclePath, plane_of_tests, radius_mm.tolist(), travel.tolist())
-    moves = np.abs(columns.direction).max(axis=(0, 1)) > 0.0
-    return Setting(
-        force_N=campaign.forces_N,
-        pressure_bar=campaign.pressures_bar,
-        radius_mm=radius_mm,
-        work_ball_rad=clockings[:, 0],
-        tool_ball_rad=clockings[:, 1],
-        plane=np.array(plane_of_tests),
-        setup=setup,
-        travel=travel,
-        time_h=_time_h(campaign, pilot),
-        temperature_K=_relative_to_mean("temperature_C", campaign, pilot),
-        direction=columns.direction,
-        elastic=columns.elastic,
-        geometric=_with_offsets_by_setup(campaign, columns.geometric),
-        reference_force_N=float(reference_force_N),
-        force_range_N=float(forces.max() - forces.min()),
-        two_balls=clocked,
-        clocked=clocked,
-        radii_mm=tuple(sorted({float(test.radius_mm or 0.0) for test in tests})),
-        drifts=campaign.drift,
-        setups=tuple(sorted({*setup.tolist()})),
-        planes=tuple(machine.planes),
-        both_ways=planes_run_both_ways(campaign),
-        paths=tuple(sorted(set(paths))),
-        moving_axes=tuple(np.flatnonzero(moves).tolist()),
-        centre_mm=_centres_mm(tests),
-        reference_centre_mm=analysed.mean_centre_mm,
-        reference_radius_mm=float(_radii_mm(analysed.tests).min()),
-        largest_force_N=float(analysed.forces_N.max()),
-        circle=np.array([""] * len(tests)),
-        compliance_estimate=np.zeros(len(compliances)),
-        compliance_size_estimate=np.zeros(len(compliances)),
-        axial_size_estimate=np.zeros(3),
-        fitted=np.zeros((len(tests), SIZE)),
-        compensated=campaign.mount.compensated,
-        deflection_um_per_bar=campaign.mount.deflection_um_per_bar,
-        instrument=campaign.instrument,
-    )
-
-
-def _radii_mm(tests: Sequence[CircularTest]) -> Array:
-    """Return the nominal radii of the tests' circles [mm], shape (tests,)."""
-    return np.array([test.radius_mm for test in tests], dtype=float)
-
-
-def _centres_mm(tests: Sequence[CircularTest]) -> Array:
-    """Return the centres of the tests' circles on X, Y and Z [mm], shape (tests, 3)."""
-    return np.array([test.circle.centre_mm for test in tests], dtype=float)
-
-
-def _machine_columns(campaign: Campaign, compliances: Sequence[ComplianceName]) -> _MachineColumns:
-    """Return the direction of the bar and the effects of all parameters, for every test.
-
-    The parameters are the compliances with the names ``compliances``, and all geometric errors of
-    the machine that ``campaign`` describes. An effect is the change of the reading per unit of a
-    parameter. The direction and the effects are functions of the angle on the circle. They are
-    returned as 25 Fourier coefficients, in arrays of shape (tests, 25, columns). The columns are
-    the components X, Y, Z of the direction, or the parameters.
-    """
-    of_campaign = _MACHINE_COLUMNS.setdefault(campaign, {})
-    names = tuple(compliances)
-    if names not in of_campaign:
-        machine = campaign.machine()
-        by_circle = {}
-        for circle in {test.circle for test in campaign.tests}:
-            by_circle[circle] = _MachineColumns(
-                coefficients(circle.direction),
-                coefficients(partial(compliance_jacobian, machine, circle, names=names)),
-                coefficients(partial(geometric_jacobian, machine, circle)),
-            )
-        of_tests = [by_circle[test.circle] for test in campaign.tests]
-        of_campaign[names] = _MachineColumns(
-            np.stack([columns.direction for columns in of_tests]),
-            np.stack([columns.elastic for columns in of_tests]),
-            np.stack([columns.geometric for columns in of_tests]),
-        )
-    return of_campaign[names]
-
-
-def _with_offsets_by_setup(campaign: Campaign, columns: Array) -> Array:
-    """Return the columns of a campaign's geometric errors, with separate offsets for each set-up.
-
-    A column is the change of the reading per unit of one error, as Fourier coefficients.
-    ``columns``, shape (tests, 25, errors), holds the columns of the machine's errors. The column of
-    an offset of the tool ball is replaced by several columns, one for each set-up that has this
-    offset (`geometric_errors_of`). The offset of a set-up acts only in the tests of this set-up.
-    """
-    machine_errors = [name.label for name in geometric_names(campaign.machine())]
-    names = geometric_errors_of(campaign)
-    index = [machine_errors.index(replace(name, setup=0).label) for name in names]
-    chosen = columns[:, :, index]
-    for j, name in enumerate(names):
-        if name.kind == "offset":
-            in_other_setup = [test.setup != (name.setup or 1) for test in campaign.tests]
-            chosen[in_other_setup, :, j] = 0.0
-    return chosen
-
-
-def _time_h(campaign: Campaign, pilot: Campaign | None) -> Array:
-    """Return the time of every test minus the mean time of the campaign [h], shape (tests,).
-
-    If times are given for all tests, these times are used. Otherwise the tests are assumed to have
-    been run in the order in which they are listed, one every six minutes; if the user has declared
-    that the order was random, all values are NaN instead. All values are also NaN if all tests have
-    the same time.
-
-    A plan may have a ``pilot``, the campaign from which it was designed. There are then three
-    cases:
-
-    - All tests of the pilot have times. The mean of these times is subtracted from the times of the
-      plan.
-    - Times are missing in the pilot, but not in the plan. The mean time of the plan is subtracted.
-    - Times are missing in both. If the first tests of the plan have the same names as the tests of
-      the pilot, these tests are assumed to have been run in the order of the pilot, one every six
-      minutes. Otherwise all tests have the time 0.
-
-    If the plan begins with the tests of the pilot, every further test without a time is a test that
-    could be the next one: it is assumed to be run six minutes after the last test of the pilot.
-    Other tests without a time get the value 0, the mean time of the pilot.
-    """
-    stated_s = _field_of_tests("time_s", campaign)
-    relative_s = np.zeros(len(stated_s))
-    pilot_s = _field_of_tests("time_s", pilot or campaign)
-    begins_with_pilot = _begins_with(campaign, pilot or campaign)
-    if np.isfinite(pilot_s).all():
-        if begins_with_pilot:
-            next_s = pilot_s.max() + SECONDS_PER_TEST
-            stated_s = np.where(np.isfinite(stated_s), stated_s, next_s)
-        relative_s = np.nan_to_num(stated_s - pilot_s.mean())
-    elif np.isfinite(stated_s).all():
-        relative_s = stated_s - stated_s.mean()
-    elif campaign.order is None and begins_with_pilot:
-        relative_s = _times_from_order_s(pilot or campaign, len(campaign.tests))
-    relative_h: Array = relative_s / _SECONDS_PER_HOUR
-    if np.abs(relative_h).max() < _SAME_TIME_H:
-        return np.full(len(relative_h), np.nan)
-    return relative_h
-
-
-def _times_from_order_s(campaign: Campaign, number: int) -> Array:
-    """Return the times of ``number`` tests [s], of which the first are the tests of a campaign.
-
-    These are assumed to have been run in the order in which they are listed, at equal intervals.
-    Each of the other tests could be run next, one interval after the last test of the campaign. The
-    mean time of the campaign is subtracted; if there are other tests, the mean time of the campaign
-    and one of these. All results are zero if the user has declared that the tests were run in
-    random order.
-    """
-    if campaign.order is not None:
-        return np.zeros(number)
-    run = len(campaign.tests)
-    listed_s = SECONDS_PER_TEST * np.minimum(np.arange(number), run)
-    return np.asarray(listed_s - listed_s[: run + 1].mean())
-
-
-def _begins_with(campaign: Campaign, pilot: Campaign) -> bool:
-    """Return whether the first tests of a campaign have the names of the tests of its pilot.
-
-    The pilot is the campaign from which a plan was designed.
-    """
-    names = [test.name for test in campaign.tests]
-    pilot_names = [test.name for test in pilot.tests]
-    return names[: len(pilot_names)] == pilot_names
-
-
-def _relative_to_mean(
-    field: str,
-    campaign: Campaign,
-    pilot: Campaign | None,
-) -> Array:
-    """Return a quantity of every test minus the mean of this quantity, shape (tests,).
-
-    ``field`` is the name of the field of a test, such as temperature_C. If a ``pilot`` is given
-    (the campaign from which a plan was designed), the mean over its tests is subtracted, and tests
-    without a value are assumed to be at this mean. Otherwise the mean over the tests of the
-    campaign is subtracted, and tests without a value get NaN. All values are NaN if there is no
-    value from which the mean can be computed.
-    """
-    values = _field_of_tests(field, campaign)
-    reference = _field_of_tests(field, pilot or campaign)
-    if not np.isfinite(reference).any():
-        return values * np.nan
-    relative: Array = values - np.nanmean(reference)
-    if pilot is None:
-        return relative
-    return np.where(np.isfinite(relative), relative, 0.0)
-
-
-def _field_of_tests(field: str, campaign: Campaign) -> Array:
-    """Return the values of one field of all tests of a campaign, shape (tests,).
-
-    ``field`` is the name of the field, such as time_s. The result is NaN for tests without a value.
-    """
-    values = [getattr(test, field) for test in campaign.tests]
-    return np.array([np.nan if value is None else value for value in values], dtype=float)

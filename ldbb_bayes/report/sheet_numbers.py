@@ -27,7 +27,7 @@ from ldbb_bayes.inference.force_curves import draws_at
 from ldbb_bayes.inference.posterior import bound_of, fit_of
 from ldbb_bayes.inference.posterior_concerns import limits_of_compliances_near_zero
 from ldbb_bayes.inference.summary import interval_numbers
-from ldbb_bayes.model.setting import geometric_errors_of
+from ldbb_bayes.model.campaign_setting import geometric_errors_of
 from ldbb_bayes.model.terms import BarLength
 from ldbb_bayes.report.findings import Findings
 from ldbb_bayes.report.stated_circle import circle_phrase, tests_of_stated_circle

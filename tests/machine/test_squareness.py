@@ -7,7 +7,7 @@ import pytest
 
 import ldbb_bayes as lb
 from ldbb_bayes.machine.parameters import GeometricName
-from ldbb_bayes.model.setting import geometric_errors_of
+from ldbb_bayes.model.campaign_setting import geometric_errors_of
 
 ANGLES_DEG = np.arange(0.0, 360.0, 5.0)
 RADIUS_MM = 150.0
