@@ -365,7 +365,7 @@ def _mean_log_priors(prior_draws: Sequence[ModelDraws]) -> Array:
     """
     means = []
     for draws_of_model in prior_draws:
-        means.append(draws_of_model.bound.log_prior(draws_of_model.beta).mean())
+        means.append(draws_of_model.bound.parameter_prior.log_density(draws_of_model.beta).mean())
     return np.array(means)
 
 

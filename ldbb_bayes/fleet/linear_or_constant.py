@@ -98,7 +98,7 @@ def _log_evidence_from(
     if posterior_probability.error > tolerance:
         evidence = compute_nodes(truncated, tolerance).evidence
         return _LogEvidence(evidence.log_value, evidence.error)
-    log_prior_probability, prior_error = bound.truncation_prior
+    log_prior_probability, prior_error = bound.parameter_prior.normalisation
     return _LogEvidence(
         value + posterior_probability.log_value - log_prior_probability,
         error + posterior_probability.error + prior_error,

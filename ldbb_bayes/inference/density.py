@@ -272,7 +272,9 @@ class LogDensity(Shown):
         ``beta``, shape (n, p), holds the p parameters β; ``phi``, shape (n, h), holds the h
         hyper-parameters φ.
         """
-        return self.bound.log_prior(beta) + self.bound.hyper_prior.log_density(phi)
+        return self.bound.parameter_prior.log_density(beta) + self.bound.hyper_prior.log_density(
+            phi
+        )
 
     def _log_likelihood(self, beta: Array, phi: Array) -> Array:
         """Return the log likelihood ln p(y | β, φ) of the readings y at n points, shape (n,).
@@ -336,7 +338,7 @@ def _log_joint_density(bound: BoundModel, beta: Array, phi: Array, log_hyper_pri
     holds the h hyper-parameters φ. ``log_hyper_prior``, shape (n,), is the log prior density of φ.
     ``bound`` is the model of the campaign.
     """
-    total = bound.log_prior(beta) + log_hyper_prior
+    total = bound.parameter_prior.log_density(beta) + log_hyper_prior
     inside = np.isfinite(total)
     if inside.any():
         total[inside] += bound.log_likelihood(phi[inside], beta[inside])
@@ -429,7 +431,7 @@ class LinearRedraw:
         return WeightedPoints(
             self.density.join(beta, free),
             np.where(np.isfinite(log_target), log_weight, -np.inf),
-            log_target - bound.log_prob_truncation_prior,
+            log_target - bound.parameter_prior.normalisation.log_value,
         )
 
     def log_weight(self, points: Array) -> Array:

@@ -82,7 +82,7 @@ def assess_fit(
         fitness_percent=quality.fitness_percent,
         log_prob_truncation=truncation.log_value,
         log_prob_truncation_error=truncation.error,
-        log_prob_truncation_prior=bound.log_prob_truncation_prior,
+        log_prob_truncation_prior=bound.parameter_prior.normalisation.log_value,
         linearisation_error_um=linearisation_error_mm * 1e3,
         concerns=(*concerns, *posterior_concerns),
         predictive_checks=checks,

@@ -266,7 +266,7 @@ def _propose_tilted(
     log_evidence, conditional = posterior.given(accepted)
     log_marginal = posterior.bound.hyper_prior.log_density_of_free(accepted) + log_evidence
     log_posterior = log_marginal + conditional.log_density(beta)
-    log_posterior -= posterior.bound.log_prob_truncation_prior
+    log_posterior -= posterior.bound.parameter_prior.normalisation.log_value
     return _ProposedBlock(accepted, beta, log_posterior, free, log_density)
 
 
@@ -327,7 +327,7 @@ def _propose_by_rejection(
             posterior.bound, free[index[is_missing]], rng.spawn(1)[0]
         )
     log_posterior = log_marginal[index] + accepted.log_density(beta)
-    log_posterior -= posterior.bound.log_prob_truncation_prior
+    log_posterior -= posterior.bound.parameter_prior.normalisation.log_value
     return _ProposedBlock(free[index], beta, log_posterior, free, log_marginal)
 
 

@@ -90,7 +90,7 @@ class Nodes:
         error = self.integral.error + self.truncation_error
         if not self.posterior.truncated:
             return error
-        return error + self.bound.truncation_prior[1]
+        return error + self.bound.parameter_prior.normalisation.error
 
     def meets(self, tolerance: float) -> bool:
         """Return whether the error of the log evidence is small enough for the tolerance [nat].
@@ -109,7 +109,7 @@ class Nodes:
         """
         log_value = self.integral.log_integral
         if self.posterior.truncated:
-            log_value = log_value - self.bound.log_prob_truncation_prior
+            log_value = log_value - self.bound.parameter_prior.normalisation.log_value
         return Evidence(log_value, self.error, len(self.integral.weight), self._digest())
 
     def _digest(self) -> str:

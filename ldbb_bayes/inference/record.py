@@ -48,7 +48,7 @@ def densities_of(draws: ModelDraws, log_posterior: Array | None = None) -> dict[
         log_posterior = in_chunks(density, points)
     return {
         "lp": log_posterior,
-        "parameters": bound.log_prior(beta),
+        "parameters": bound.parameter_prior.log_density(beta),
         "hyper": bound.hyper_prior.log_density(phi),
     }
 
@@ -65,7 +65,7 @@ def prior_draws_of(bound: BoundModel, size: int, rng: np.random.Generator) -> tu
     phi = bound.hyper_prior.draw(size, rng)
     if bound.model.prior.flat:
         return np.zeros((0, 0)), phi
-    return bound.draw_parameters(size, rng), phi
+    return bound.parameter_prior.draw(size, rng), phi
 
 
 def groups_of(

@@ -20,7 +20,6 @@ from typing import Any, Literal, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, distinct_forces, require_campaign
 from ldbb_bayes.errors import InputError, check_known, check_seed, require
@@ -28,9 +27,9 @@ from ldbb_bayes.machine.exact import geometric_reading_mm
 from ldbb_bayes.machine.linear import kept_compliances
 from ldbb_bayes.machine.parameters import ComplianceName, GeometricName
 from ldbb_bayes.model.campaign_setting import geometric_errors_of, setting_of
-from ldbb_bayes.model.column_checks import checked_columns
 from ldbb_bayes.model.conditional import ParameterConditional
 from ldbb_bayes.model.fourier import basis
+from ldbb_bayes.model.hyper_parameters import acting_hyper_parameters, hyper_parameters_of
 from ldbb_bayes.model.interest import (
     ParametersOfInterest,
     compliance_rows,
@@ -46,13 +45,13 @@ from ldbb_bayes.model.linearisation import (
     nominal_mount_offset,
     planned_compliances,
 )
-from ldbb_bayes.model.orthant import Orthant
 from ldbb_bayes.model.parameter_kinds import (
     EXAMPLES,
     check_possible,
     degree_of,
     parameter_to_inside,
 )
+from ldbb_bayes.model.parameter_prior import ParameterPrior
 from ldbb_bayes.model.prior import Prior
 from ldbb_bayes.model.reduced_readings import reduced_readings
 from ldbb_bayes.model.reduction import Reduced
@@ -76,19 +75,10 @@ from ldbb_bayes.units import display_unit, inside_name
 __all__ = ["BoundModel", "HybridModel", "Preset", "require_model"]
 
 Preset = Literal["default", "first", "paper"]
-# Hyper-parameter that every model has: the standard deviation σ of the readings' white noise.
-_SIGMA = Scale("sigma", "sigma_um", "σ", "white noise")
-# Order of the hyper-parameters in all arrays and lists. Hyper-parameters that are not named here
-# follow. The factors λ, each of which multiplies the noise of one circle, are last.
-_HYPER_ORDER = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau", "decay", "omega", "eta")
 # If the model has the term ``CircleScale`` and the campaign has at least this number of circles,
 # each circle has a separate factor λ, which multiplies its noise. Otherwise no circle has such a
 # factor.
 _FEWEST_SCALED_CIRCLES = 4
-# Error tolerance [nat] for the log of the normalising constant of the truncated prior. The constant
-# is a product with one factor for each group of compliances that depend on common parameters; the
-# tolerance applies to the log of each factor.
-_TRUNCATION_TOLERANCE = 1e-4
 # Largest number of machines (sets of parameters) that are drawn at random from the prior, to find
 # one without a negative compliance. With the default prior and three tested planes, about one in 60
 # machines has no negative compliance.
@@ -421,10 +411,7 @@ class HybridModel(Result):
         Most of their hyper-parameters are sds of effects. Some are numbers without unit, such as
         the exponent with which form errors decrease with their order.
         """
-        scales = [_SIGMA]
-        for term in self.nuisances:
-            scales.extend(term.scales)
-        return _ordered(scales)
+        return hyper_parameters_of(self.nuisances)
 
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
         """Return the hyper-parameters that have an effect on the tests of a campaign.
@@ -432,16 +419,7 @@ class HybridModel(Result):
         If the noise of each circle is multiplied by a factor λ, these factors are included.
         ``setting`` describes the test conditions.
         """
-        scales = [_SIGMA]
-        for term in self.nuisances:
-            scales.extend(term.scales_in(setting))
-        names = {scale.name for scale in scales}
-        acting = {_SIGMA.name}
-        for term in self.nuisances:
-            for columns in checked_columns(term, setting, names):
-                for source in columns.sources:
-                    acting.update(source.names)
-        return _ordered([scale for scale in scales if scale.name in acting])
+        return acting_hyper_parameters(self.nuisances, setting)
 
     @property
     def terms(self) -> tuple[str, ...]:
@@ -575,22 +553,6 @@ class HybridModel(Result):
             nuisances.effects,
             true_changes(bound.compliances, forces_N, at_forces, nuisances.effects, true_setting),
         )
-
-
-def _ordered(scales: Sequence[Scale]) -> tuple[Scale, ...]:
-    """Return the hyper-parameters ``scales`` without repetition, in the order of ``_HYPER_ORDER``.
-
-    Hyper-parameters that are not in ``_HYPER_ORDER`` follow. The factors λ, each of which
-    multiplies the noise of one circle, are last.
-    """
-
-    def place(scale: Scale) -> int:
-        """Return the rank of the hyper-parameter ``scale``; hyper-parameters are sorted by rank."""
-        if scale.name in _HYPER_ORDER:
-            return _HYPER_ORDER.index(scale.name)
-        return len(_HYPER_ORDER) + int(scale.law == "circle")
-
-    return tuple(sorted(dict.fromkeys(scales), key=place))
 
 
 class _KnownEstimate(NamedTuple):
@@ -1017,51 +979,12 @@ class BoundModel(Shown):
         """
         return self.given_interest.log_density(phi, beta - self.centre)
 
-    def log_prior(self, beta: Array) -> Array:
-        """Return the log prior density of the p parameters of interest, shape (...).
-
-        ``beta``, shape (..., p), holds values of the parameters in mm, N and rad. If the prior is
-        flat, the log density is 0 everywhere. If the prior is truncated to exclude negative
-        compliances, the log density is −inf where a compliance is negative, and the density is
-        normalised over the remaining region.
-        """
-        if self.model.prior.flat:
-            return np.zeros(beta.shape[:-1])
-        white = (beta - self.prior_mean) / self.prior_sd
-        density = -0.5 * (white**2).sum(axis=-1) - np.log(self.prior_sd * np.sqrt(2 * np.pi)).sum()
-        return np.where(
-            self.truncation.holds(beta), density - self.log_prob_truncation_prior, -np.inf
-        )
-
     @cached_property
-    def truncation_prior(self) -> tuple[float, float]:
-        """Log normalising constant of the truncated prior, and its numerical error [nat].
-
-        The constant is the probability, under the Gaussian prior before truncation, that no
-        compliance is negative. Both numbers are 0 if the prior is not truncated. Groups of
-        compliances that have no parameter in common are independent, so that their log
-        probabilities are added.
-        """
-        if not self.truncation.active:
-            return 0.0, 0.0
-        mean = self.truncation.rows @ self.prior_mean
-        root = self.truncation.rows * self.prior_sd
-        _, block = connected_components(np.abs(root @ root.T) > 0.0, directed=False)
-        values = []
-        for k in range(block.max() + 1):
-            orthant = Orthant(mean[None, block == k], root[None, block == k])
-            values.append(orthant.log_probability(_TRUNCATION_TOLERANCE))
-        value, error = np.sum(values, axis=(0, 2))
-        return float(value), float(error)
-
-    @property
-    def log_prob_truncation_prior(self) -> float:
-        """Log normalising constant of the truncated prior of the parameters of interest.
-
-        The constant is the probability, under the Gaussian prior before truncation, that no
-        compliance is negative. Its logarithm is 0 if the prior is not truncated.
-        """
-        return self.truncation_prior[0]
+    def parameter_prior(self) -> ParameterPrior:
+        """Prior of the p parameters of interest, which may exclude negative compliances."""
+        return ParameterPrior(
+            self.prior_mean, self.prior_sd, self.truncation, self.model.prior.flat
+        )
 
     def given(self, phi: Array) -> tuple[Array, ParameterConditional]:
         """Return the log evidence ln p(y | φ), shape (w,), and the density p(β | y, φ).
@@ -1086,28 +1009,6 @@ class BoundModel(Shown):
         """
         return self.collapsed.log_density(phi)
 
-    def draw_parameters(self, size: int, rng: np.random.Generator) -> Array:
-        """Return random draws of the p parameters of interest from their prior, shape (size, p).
-
-        The parameters are in mm, N and rad. If the prior excludes negative compliances, no draw
-        contains a negative compliance. Raise an `InputError` if the prior is flat.
-        """
-        require(
-            not self.model.prior.flat,
-            "parameters must be given when the prior is flat, got none. Pass true values.",
-        )
-        p = len(self.names)
-        if not self.truncation.active:
-            return self.prior_mean + rng.standard_normal((size, p)) * self.prior_sd
-        draws = np.zeros((0, p))
-        root = np.broadcast_to(np.diag(self.prior_sd), (size, p, p))
-        orthant = self.truncation.orthants(np.broadcast_to(self.prior_mean, (size, p)), root)
-        while len(draws) < size:
-            white, exact = orthant.draw_standard(rng)
-            beta = self.prior_mean + white * self.prior_sd
-            draws = np.concatenate([draws, beta[exact & self.truncation.holds(beta)]])
-        return draws[:size]
-
     def draw_machine(self, rng: np.random.Generator) -> Array:
         """Return the p parameters of a machine drawn at random from the prior, shape (p,).
 
@@ -1119,7 +1020,7 @@ class BoundModel(Shown):
         """
         prior = self.model.prior
         if prior.flat or not prior.slopes_of_estimate:
-            return self.draw_parameters(1, rng)[0]
+            return self.parameter_prior.draw(1, rng)[0]
         for _ in range(_MOST_MACHINES):
             beta = self.prior_mean + rng.standard_normal(len(self.names)) * self.prior_sd
             sd = self._of_interest.prior_sd(prior, self.linearised_at(beta))[self._is_free]

@@ -62,7 +62,7 @@ class Planned(BoundModel):
         )
 
     def draw_machine(self, rng: np.random.Generator) -> np.ndarray:
-        return np.asarray(self.draw_parameters(1, rng)[0])
+        return np.asarray(self.parameter_prior.draw(1, rng)[0])
 
     def linearised_at(self, beta: np.ndarray) -> Any:
         return self.setting

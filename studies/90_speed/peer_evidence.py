@@ -46,7 +46,7 @@ class _DensityOverStudentT:
         log_volume = np.log(np.diag(self.root)).sum() + np.log(bound.prior_sd).sum()
         self.constant = log_volume - len(self.mode) * log_peak
         if bound.truncation.active:
-            self.constant -= bound.log_prob_truncation_prior
+            self.constant -= bound.parameter_prior.normalisation.log_value
 
     def __call__(self, z: Array) -> float:
         x = self.mode + self.root @ z
@@ -122,7 +122,9 @@ def _log_ratio(bound: BoundModel, points: Array, white: Array, normal: Laplace) 
     p = len(bound.names)
     beta = points[:, :p]
     free = points[:, p:]
-    log_target = bound.log_prior(beta) + bound.hyper_prior.log_density_of_free(free)
+    log_target = bound.parameter_prior.log_density(beta) + bound.hyper_prior.log_density_of_free(
+        free
+    )
     log_target = log_target + bound.log_likelihood(bound.hyper_prior.phi(free), beta)
     minus_log_white = 0.5 * (LOG_2PI * points.shape[1] + (white**2).sum(axis=1))
     return np.asarray(log_target + minus_log_white + np.log(np.diag(normal.root)).sum())

@@ -458,10 +458,12 @@ def check(bound: BoundModel, *, points: int = 24, seed: int = 1, tolerance: floa
     x = mode + np.random.default_rng(seed).standard_normal((points, len(mode))) @ root.T
     by_jax = np.array([evaluate(point) for point in x])
     beta, free = density.split(x)
-    package = bound.log_prior(beta) + bound.hyper_prior.log_density_of_free(free)
+    package = bound.parameter_prior.log_density(beta) + bound.hyper_prior.log_density_of_free(free)
     package = package + bound.log_likelihood(bound.hyper_prior.phi(free), beta)
     if bound.truncation.active:
-        package = np.where(np.isfinite(package), package + bound.log_prob_truncation_prior, np.nan)
+        package = np.where(
+            np.isfinite(package), package + bound.parameter_prior.normalisation.log_value, np.nan
+        )
     difference = float(np.nanmax(np.abs(by_jax - package)))
     if not difference < tolerance:
         raise RuntimeError(

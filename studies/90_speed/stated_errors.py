@@ -144,7 +144,7 @@ def reference(model: lb.HybridModel, campaign: lb.Campaign, finer: float) -> flo
         fine = _truncated(posterior, fine, finer)
         if _effective_nodes(fine) < FEWEST_NODES:
             fine = compute_nodes(posterior, finer).integral
-    return float(fine.log_integral - bound.log_prob_truncation_prior)
+    return float(fine.log_integral - bound.parameter_prior.normalisation.log_value)
 
 
 def _truncated(posterior: HyperPosterior, plain: Integral, finer: float) -> Integral:

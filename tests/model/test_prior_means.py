@@ -55,7 +55,7 @@ def test_probability_of_the_truncation_of_constant_compliances() -> None:
     """One normal each."""
     constant = lb.HybridModel.first(0).with_prior(CLOSE).bind(plan())
     expected = sum(stats.norm.logcdf(mean / sd) for mean, sd in CLOSE.values())
-    assert constant.log_prob_truncation_prior == pytest.approx(expected, abs=1e-9)
+    assert constant.parameter_prior.normalisation.log_value == pytest.approx(expected, abs=1e-9)
 
 
 def test_probability_of_the_truncation_of_linear_compliances() -> None:
@@ -68,14 +68,16 @@ def test_probability_of_the_truncation_of_linear_compliances() -> None:
         covariance = sd**2 + slope**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
         law = stats.multivariate_normal([-mean, -mean], covariance, allow_singular=True)
         total += law.logcdf([0.0, 0.0])
-    assert linear.log_prob_truncation_prior == pytest.approx(total, abs=1e-5)
+    assert linear.parameter_prior.normalisation.log_value == pytest.approx(total, abs=1e-5)
 
 
 def test_probability_of_a_truncation_that_is_nearly_certain() -> None:
     far_from_zero = {name: (20.0 * sd, sd) for name, (_, sd) in CLOSE.items()}
     certain = lb.HybridModel.first(0).with_prior(far_from_zero).bind(plan())
     expected = 3.0 * stats.norm.logcdf(20.0)
-    assert certain.log_prob_truncation_prior == pytest.approx(expected, rel=1e-6, abs=0.0)
+    assert certain.parameter_prior.normalisation.log_value == pytest.approx(
+        expected, rel=1e-6, abs=0.0
+    )
 
 
 @pytest.mark.parametrize("truncated", [True, False])
@@ -84,7 +86,7 @@ def test_draws_follow_the_prior(truncated: bool, rng: np.random.Generator) -> No
     if not truncated:
         model = model.without("truncation")
     bound = model.bind(plan())
-    draws = bound.draw_parameters(4000, rng)
+    draws = bound.parameter_prior.draw(4000, rng)
     for name, prior_sd, values in zip(bound.names, bound.prior_sd, draws.T, strict=True):
         mean, sd = CLOSE.get(name, (0.0, prior_sd))
         low = -np.inf

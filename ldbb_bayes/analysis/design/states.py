@@ -184,7 +184,7 @@ def states_before(
         no_information = Gaussian(np.zeros((nodes, p, p)), np.zeros((nodes, p)))
         return States(phi, np.zeros((nodes, 0)), no_information)
     if pilot.is_plan:
-        beta = bound.draw_parameters(nodes, rng)
+        beta = bound.parameter_prior.draw(nodes, rng)
     else:
         posterior = _hyper_posterior(model, pilot)
         beta = draw_parameters_given(posterior.bound, bound.hyper_prior.free(phi), rng)
