@@ -8,13 +8,16 @@ from collections.abc import Mapping, Sequence
 from ldbb_bayes.campaign.certified_quantity import (
     METRES_PER_MICROMETRE,
     MOST_QUANTITIES_LISTED,
+    CertifiedFields,
     CertifiedQuantity,
     only_quantity,
+    quantities_by_role,
+    quantities_in_words,
     without_rounding,
 )
 from ldbb_bayes.errors import InputError, require
 
-__all__ = ["check_nominal_length", "error_of_length", "is_of_length", "several_errors"]
+__all__ = ["bar_fields"]
 
 # Pattern of a length in the name of a bar, such as 100 mm.
 _LENGTH_IN_NAME = re.compile(r"(?<![\d.,])(\d+(?:[.,]\d+)?)\s?mm\b")
@@ -25,7 +28,75 @@ _LARGEST_LENGTH_ERROR_UM = 1000.0
 _NOMINAL_TOLERANCE = 1e-3
 
 
-def error_of_length(
+def bar_fields(
+    quantities: Sequence[CertifiedQuantity], length_mm: float | None = None
+) -> CertifiedFields:
+    """Return the length error of a bar and its expanded uncertainty.
+
+    The keys are named as in the table [bar] of campaign.toml: length_error_um [µm] and U_um (k = 2)
+    [µm]. The length error is the amount by which readings are too large. It is computed from what
+    the certificate states:
+
+    - An error of indication is used unchanged.
+    - A deviation from the nominal length is used with the opposite sign, because the readings of a
+      bar that is too long are too small.
+    - An actual length is subtracted from the nominal length.
+
+    If the certificate describes several bars, the bar of the nominal length ``length_mm`` is used.
+    Raise an `InputError` if no uncertainty is stated, or if the certificate still states several
+    errors after the bar has been chosen, or if it states that its only bar has another nominal
+    length.
+    """
+    lengths = quantities_by_role(quantities, "m")
+    if not _candidates(lengths):
+        raise InputError(
+            "the DCC must state the error of a bar's length by a name or refType, got"
+            f" {quantities_in_words(quantities)}. Give length_error_um and U_um by hand."
+        )
+    quantity = _quantity_of_bar(lengths, length_mm)
+    error, U = _error_of_length(quantity, lengths)
+    return CertifiedFields({"length_error_um": error, "U_um": U}, (quantity,))
+
+
+def _candidates(lengths: Mapping[str, list[CertifiedQuantity]]) -> list[CertifiedQuantity]:
+    """Return the certified quantities that may state the error of a bar's length.
+
+    These are errors of indication if the certificate states one. Otherwise they are deviations from
+    the nominal length or, if there is none, actual lengths that are stated together with the
+    nominal length. ``lengths`` is a dictionary of lists of all certified lengths; its keys are
+    roles such as ``deviation``.
+    """
+    candidates = lengths.get("indication") or lengths.get("deviation") or []
+    if not candidates and "nominal" in lengths:
+        return lengths.get("length", [])
+    return candidates
+
+
+def _quantity_of_bar(
+    lengths: Mapping[str, list[CertifiedQuantity]], length_mm: float | None
+) -> CertifiedQuantity:
+    """Return the certified quantity that states the error of a bar's length.
+
+    If the certificate describes several bars, the bar with the nominal length ``length_mm`` is
+    chosen. ``lengths`` is a dictionary of lists of all certified lengths; its keys are roles such
+    as ``deviation``. Raise an `InputError` if several quantities state an error.
+    """
+    candidates = _candidates(lengths)
+    nominals = lengths.get("nominal", [])
+    if len(candidates) > 1 and length_mm is not None:
+        of_length = []
+        for quantity in candidates:
+            if _is_of_length(quantity, nominals, length_mm):
+                of_length.append(quantity)
+        candidates = of_length or candidates
+    if len(candidates) > 1:
+        raise _several_errors(candidates, lengths)
+    if length_mm is not None:
+        _check_nominal_length(candidates[0], nominals, length_mm)
+    return candidates[0]
+
+
+def _error_of_length(
     quantity: CertifiedQuantity, lengths: Mapping[str, list[CertifiedQuantity]]
 ) -> tuple[float, float]:
     """Return the amount by which a bar's readings are too large, and its uncertainty U, in µm.
@@ -63,7 +134,7 @@ def error_of_length(
     return without_rounding(error), U
 
 
-def is_of_length(
+def _is_of_length(
     quantity: CertifiedQuantity, nominals: Sequence[CertifiedQuantity], length_mm: float
 ) -> bool:
     """Return whether a certified quantity belongs to a bar of the nominal length ``length_mm``.
@@ -94,7 +165,7 @@ def _nominal_lengths_beside_mm(
     return lengths_mm
 
 
-def check_nominal_length(
+def _check_nominal_length(
     quantity: CertifiedQuantity, nominals: Sequence[CertifiedQuantity], length_mm: float
 ) -> None:
     """Raise an `InputError` if a certified error belongs to a bar of another nominal length.
@@ -103,7 +174,7 @@ def check_nominal_length(
     lengths, and none of them equals ``length_mm``. ``nominals`` are all nominal lengths.
     """
     lengths_beside_mm = _nominal_lengths_beside_mm(quantity, nominals)
-    if not lengths_beside_mm or is_of_length(quantity, nominals, length_mm):
+    if not lengths_beside_mm or _is_of_length(quantity, nominals, length_mm):
         return
     lengths_mm = " and ".join(f"{nominal_mm:g}" for nominal_mm in lengths_beside_mm)
     raise InputError(
@@ -117,7 +188,7 @@ def _is_close(length_mm: float, nominal_mm: float) -> bool:
     return abs(length_mm - nominal_mm) <= _NOMINAL_TOLERANCE * nominal_mm
 
 
-def several_errors(
+def _several_errors(
     candidates: Sequence[CertifiedQuantity], lengths: Mapping[str, list[CertifiedQuantity]]
 ) -> InputError:
     """Return the `InputError` for a certificate that states several errors of a bar's length.
@@ -131,7 +202,7 @@ def several_errors(
     """
     texts = []
     for quantity in candidates[:MOST_QUANTITIES_LISTED]:
-        error, U = error_of_length(quantity, lengths)
+        error, U = _error_of_length(quantity, lengths)
         name = _distinguishing_name(quantity, candidates)
         texts.append(f"{name!r} (length_error_um {error:g}, U_um {U:g})")
     return InputError(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,10 +14,13 @@ from ldbb_bayes.errors import InputError, require
 __all__ = [
     "METRES_PER_MICROMETRE",
     "MOST_QUANTITIES_LISTED",
+    "CertifiedFields",
     "CertifiedQuantity",
     "largest_quantity",
     "listed_quantities",
     "only_quantity",
+    "quantities_by_role",
+    "quantities_in_words",
     "title_with_holder",
     "without_rounding",
 ]
@@ -149,6 +152,14 @@ class CertifiedQuantity:
         return abs(self.numbers().value)
 
 
+class CertifiedFields(NamedTuple):
+    """What a certificate states about an object, and the quantities from which it is taken."""
+
+    #: certified values, with the keys of the object's table in campaign.toml
+    values: Mapping[str, float]
+    quantities: tuple[CertifiedQuantity, ...]
+
+
 def without_rounding(number: float) -> float:
     """Return a number rounded to 12 significant digits.
 
@@ -207,3 +218,24 @@ def listed_quantities(quantities: Sequence[CertifiedQuantity]) -> str:
     if len(texts) > MOST_QUANTITIES_LISTED:
         listed += f" and {len(texts) - MOST_QUANTITIES_LISTED} more"
     return listed
+
+
+def quantities_by_role(
+    quantities: Sequence[CertifiedQuantity], dimension: str
+) -> dict[str, list[CertifiedQuantity]]:
+    """Return, by role, the certified quantities whose unit has the given dimension, such as m.
+
+    A role says what a quantity is, such as a length or a force. The result is a dictionary of lists
+    of quantities; its keys are the roles. Quantities with an unknown unit are included too, but
+    quantities without a role are left out.
+    """
+    by_role: dict[str, list[CertifiedQuantity]] = {}
+    for quantity in quantities:
+        if quantity.role and quantity.dimension in (dimension, None):
+            by_role.setdefault(quantity.role, []).append(quantity)
+    return by_role
+
+
+def quantities_in_words(quantities: Sequence[CertifiedQuantity]) -> str:
+    """Return the names and units of a certificate's quantities as text, for messages."""
+    return listed_quantities(quantities) or "no number at all"

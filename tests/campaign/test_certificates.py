@@ -60,6 +60,11 @@ def test_a_german_certificate(tmp_path: Path) -> None:
     )
 
 
+def test_a_certificate_of_an_unknown_kind_of_object_is_refused() -> None:
+    certificate = lb.campaign.read_dcc(SCHEIN)
+    refuses("must be one of bar, force, ball, got 'balls'", certificate.fields, "balls")
+
+
 def test_a_bar_of_another_nominal_length_is_refused() -> None:
     """The certificate is of a bar of 150 mm."""
     certificate = lb.campaign.read_dcc(SCHEIN)
