@@ -17,6 +17,8 @@ from ldbb_bayes.errors import InputError, require
 
 __all__ = [
     "DISPLAY_UNITS",
+    "MM_PER_INCH",
+    "NO_VALUE",
     "UNITS_TO_WRITE",
     "U_PROBABILITY",
     "Statement",
@@ -159,6 +161,10 @@ _SAME_SIZE = 1e-5
 # A credible interval is treated as skewed if the distance between the mean and the middle of the
 # interval is above this fraction of half the interval's width.
 _SKEWED_SHARE = 0.2
+# Length of an inch [mm].
+MM_PER_INCH = 25.4
+# Text in place of a number that does not exist.
+NO_VALUE = "–"
 # Probability of the interval whose ends are stated where value ± U (k = 2) would not describe a
 # result. It is the probability of value ± U itself for a normal distribution.
 U_PROBABILITY = 0.95
@@ -479,7 +485,7 @@ def two_digits(value: float | None, factor: float = 1.0) -> str:
         Number as text.
     """
     if value is None or not math.isfinite(value):
-        return "–"
+        return NO_VALUE
     sign = "−" if value < 0 else ""
     return sign + round_uncertainty(abs(value) * factor)[0]
 

@@ -39,6 +39,7 @@ from ldbb_bayes.inference.mcmc import StoppingRule, assess
 from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.inference.posterior import build_tree
 from ldbb_bayes.inference.record import densities_of, groups_of, prior_draws_of, record_from
+from ldbb_bayes.inference.sample import CHAINS
 from ldbb_bayes.inference.truncation_factor import ProbabilityInside
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.parallel import one_blas_thread
@@ -49,9 +50,6 @@ if TYPE_CHECKING:
 
 __all__ = ["average"]
 
-# Number of chains into which the independent draws from the averaged posterior are divided, because
-# the diagnostics of ArviZ expect several chains.
-_CHAINS = 4
 # Smallest number of draws from the averaged posterior that a caller may ask for.
 _FEWEST_DRAWS = 400
 # Models whose posterior probability is below this number are ignored when the largest error of the
@@ -192,12 +190,12 @@ def average(
     seeds = np.random.SeedSequence(seed).spawn(3)
     posterior_rng, prior_rng, check_rng = (np.random.default_rng(child) for child in seeds)
 
-    draws_per_chain = draws // _CHAINS
+    draws_per_chain = draws // CHAINS
     model_of_draw, posterior_draws = _draw_posteriors(
-        weighted, _CHAINS * draws_per_chain, posterior_rng
+        weighted, CHAINS * draws_per_chain, posterior_rng
     )
     prior_draws = _draw_priors(weighted, draws, prior_rng)
-    order = posterior_rng.permutation(len(model_of_draw)).reshape(_CHAINS, draws_per_chain)
+    order = posterior_rng.permutation(len(model_of_draw)).reshape(CHAINS, draws_per_chain)
     beta, phi = _join_draws_of_models(bound, posterior_draws)
     groups = groups_of(
         bound,

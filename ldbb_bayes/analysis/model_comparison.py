@@ -52,7 +52,7 @@ from ldbb_bayes.inference.evidences import (
 )
 from ldbb_bayes.inference.least_squares import fit_least_squares
 from ldbb_bayes.inference.nodes import Nodes
-from ldbb_bayes.inference.residuals import fit_quality
+from ldbb_bayes.inference.residuals import QUALITY_DRAWS, fit_quality
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.parallel import one_blas_thread, start_early
 from ldbb_bayes.results import Array
@@ -67,8 +67,6 @@ R = TypeVar("R")
 # both models are at least this number below M. To save time, the log evidences under a clearly
 # rejected assumption are computed only roughly.
 _FAR_REJECTED = 10.0
-# Number of posterior draws over which each model's prediction of the readings is averaged.
-_QUALITY_DRAWS = 1000
 # Settings of the quadrature for the posterior mean and standard deviation of parameters. Its nodes
 # are weighted values of the hyper-parameters. The nodes with the smallest weights are left out.
 # Together, their weights are at most the fraction ``_NEGLIGIBLE_WEIGHT`` of the sum of all weights.
@@ -577,7 +575,7 @@ def _compare_models(
     shares = probabilities(np.array(log_evidence))
     compared = {}
     for (name, nodes), probability in zip(nodes_by_model.items(), shares, strict=True):
-        beta, phi = nodes.draw(_QUALITY_DRAWS, np.random.default_rng(seed))
+        beta, phi = nodes.draw(QUALITY_DRAWS, np.random.default_rng(seed))
         elpd = _sum_over_tests(log_densities[name])
         compared[name] = ComparedModel(
             log_evidence=nodes.evidence.log_value,

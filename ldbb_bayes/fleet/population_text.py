@@ -11,12 +11,16 @@ from ldbb_bayes.fleet.population_prior import digest_of
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.report.wording import PAGE, population_doubts, population_sentences, with_words
 from ldbb_bayes.results import Table, json_text
-from ldbb_bayes.units import display_name, display_unit, plus_minus, round_uncertainty, state
+from ldbb_bayes.units import (
+    NO_VALUE,
+    display_name,
+    display_unit,
+    plus_minus,
+    round_uncertainty,
+    state,
+)
 
 __all__ = ["parts_of"]
-
-# Text of empty cells in the printed table of a population's parameters.
-_NOTHING = "–"
 
 
 @with_words.register
@@ -67,7 +71,7 @@ def _table_row(name: str, parameter: PooledParameter) -> list[str]:
     the mean ± U.
     """
     factor, unit = display_unit(parameter.unit)
-    common = _NOTHING
+    common = NO_VALUE
     if parameter.instrument_sd > 0.0:
         common = round_uncertainty(2.0 * parameter.instrument_sd * factor)[0]
     spread = parameter.spread

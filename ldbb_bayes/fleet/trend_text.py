@@ -11,12 +11,16 @@ from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.report.wording import caveat_words, probability_words, trend_sentences, with_words
 from ldbb_bayes.report.wording.number_words import SMALLEST_SHOWN_PROBABILITY
 from ldbb_bayes.results import Table
-from ldbb_bayes.units import counted, display_name, display_unit, plus_minus, round_uncertainty
+from ldbb_bayes.units import (
+    NO_VALUE,
+    counted,
+    display_name,
+    display_unit,
+    plus_minus,
+    round_uncertainty,
+)
 
 __all__ = ["parts_of"]
-
-# Text of empty cells in the printed table of a trend's parameters.
-_NOTHING = "–"
 
 
 @parts_of.register
@@ -78,11 +82,11 @@ def _table_row(name: str, parameter: ParameterChange) -> list[str]:
     """
     factor, unit = display_unit(parameter.unit)
     level = parameter.level_now
-    common = _NOTHING
+    common = NO_VALUE
     if parameter.common_sd > 0.0:
         common = f"{round_uncertainty(2.0 * parameter.common_sd * factor)[0]} {unit}"
-    size = _NOTHING
-    percent = _NOTHING
+    size = NO_VALUE
+    percent = NO_VALUE
     # Beside a probability that is shown as zero, no size of the change is stated.
     if parameter.probability >= SMALLEST_SHOWN_PROBABILITY:
         change = parameter.change

@@ -12,17 +12,13 @@ from ldbb_bayes.inference.diagnostics import power_sensitivity
 from ldbb_bayes.inference.effects_of_failures import effects_of_failures
 from ldbb_bayes.inference.fit import Concern, Fit
 from ldbb_bayes.inference.posterior_concerns import concerns_of_posterior
-from ldbb_bayes.inference.residuals import FitQuality, quality_of
+from ldbb_bayes.inference.residuals import QUALITY_DRAWS, FitQuality, quality_of
 from ldbb_bayes.inference.truncation_factor import ProbabilityInside
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array
 
 __all__ = ["assess_fit"]
 
-# Number of posterior draws from which two measures of how well the model fits each test are
-# computed: the root-mean-square residual, and the fitness (100 % minus this residual in per cent of
-# the range of the readings); see `FitQuality`.
-_QUALITY_DRAWS = 1000
 # Number of posterior draws from which the posterior predictive checks are computed.
 _CHECKED_DRAWS = 500
 
@@ -105,7 +101,7 @@ def _average_quality(
     """
     predictions = []
     for share, draws in zip(shares, draws_by_model, strict=True):
-        thinned = draws.thinned(int(np.ceil(share * _QUALITY_DRAWS)))
+        thinned = draws.thinned(int(np.ceil(share * QUALITY_DRAWS)))
         predictions.append(mean_shared_coefficients(thinned.bound, thinned.phi, thinned.beta))
     return quality_of(bound, np.tensordot(shares, predictions, axes=1))
 

@@ -58,6 +58,8 @@ _DRAWS = 4000
 # that are then made for each value of the hyper-parameters. A draw consists of the parameters and
 # of the nuisances (effects modelled but not of interest) that are common to several tests.
 _DRAWS_PER_NODE = 8
+# Probability that a reading lies between the limits of `band_um`.
+_BAND_PROBABILITY = 0.95
 
 
 @one_blas_thread
@@ -409,12 +411,10 @@ def band_um(
     sigma_mm: Array,
     angle_rad: Array,
     rng: np.random.Generator,
-    *,
-    prob: float = 0.95,
 ) -> Array:
     """Return the lower and upper limit of readings at every angle [µm], shape (2, angles).
 
-    At each angle, a reading with white noise lies between the limits with the probability ``prob``.
+    At each angle, a reading with white noise lies between the limits with the probability 95 %.
     It lies below the lower limit with the same probability as above the upper limit. The limits are
     computed from random draws of circles: ``coefficients``, shape (draws, 25), holds the Fourier
     coefficients of the circles (orders 0 to 12) [mm]; ``sigma_mm``, shape (draws,), holds the
@@ -422,4 +422,5 @@ def band_um(
     and ``rng`` generates the noise.
     """
     readings = readings_drawn(coefficients, sigma_mm, angle_rad, rng)
-    return np.quantile(readings, [(1.0 - prob) / 2.0, (1.0 + prob) / 2.0], axis=0) * 1e3
+    levels = [(1.0 - _BAND_PROBABILITY) / 2.0, (1.0 + _BAND_PROBABILITY) / 2.0]
+    return np.quantile(readings, levels, axis=0) * 1e3

@@ -18,6 +18,7 @@ from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array
 
 __all__ = [
+    "QUALITY_DRAWS",
     "FitQuality",
     "fit_quality",
     "matrix_to_harmonics",
@@ -27,6 +28,9 @@ __all__ = [
     "tests_in_order",
 ]
 
+# Number of posterior draws over which predicted readings are averaged, to compute how well a model
+# fits each test (`FitQuality`).
+QUALITY_DRAWS = 1000
 # A matrix holds the values of the Fourier functions at the angles of a test. A singular value of
 # this matrix counts as zero if it is below this fraction of the largest singular value. On a full
 # circle all singular values are alike. On an arc of 230° the smallest is a millionth of the

@@ -33,6 +33,7 @@ from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array
 
 __all__ = [
+    "CHAINS",
     "FittedModel",
     "IndependentDraws",
     "SampledDraws",
@@ -45,7 +46,7 @@ __all__ = [
 
 # Independent draws are divided into this number of chains. If emcee is used, it runs at least this
 # number of ensembles of walkers. R-hat compares the chains, or the ensembles, with each other.
-_CHAINS = 4
+CHAINS = 4
 # Default number of walkers of an ensemble of emcee. If four times the number of parameters and
 # hyper-parameters is larger, that number is used instead.
 _WALKERS = 128
@@ -358,7 +359,7 @@ def _sample_independently(
     ``seed`` is the seed of the random numbers; ``progress`` is called whenever the rule is checked.
     """
     rng = np.random.default_rng(seed)
-    block = int(np.ceil(_SURPLUS * rule.ess / _CHAINS + _SURPLUS_DRAWS))
+    block = int(np.ceil(_SURPLUS * rule.ess / CHAINS + _SURPLUS_DRAWS))
     block = min(block, rule.max_steps)
     accepted = 0
     proposed = 0
@@ -366,12 +367,12 @@ def _sample_independently(
     beta_blocks = []
     log_posterior_blocks = []
     while True:
-        draws = draw_jointly(start, _CHAINS * block, rng)
+        draws = draw_jointly(start, CHAINS * block, rng)
         accepted += draws.accepted
         proposed += draws.proposed
-        free_blocks.append(draws.free.reshape(_CHAINS, block, -1))
-        beta_blocks.append(draws.beta.reshape(_CHAINS, block, -1))
-        log_posterior_blocks.append(draws.log_posterior.reshape(_CHAINS, block))
+        free_blocks.append(draws.free.reshape(CHAINS, block, -1))
+        beta_blocks.append(draws.beta.reshape(CHAINS, block, -1))
+        log_posterior_blocks.append(draws.log_posterior.reshape(CHAINS, block))
         free = np.concatenate(free_blocks, axis=1)
         beta = np.concatenate(beta_blocks, axis=1)
         assessment = assess(np.concatenate([beta, free], axis=2))
@@ -412,7 +413,7 @@ def _sample_jointly(
     rule: StoppingRule,
     seed: np.random.SeedSequence,
     progress: Callable[[Progress], None] | None = None,
-    ensembles: int = _CHAINS,
+    ensembles: int = CHAINS,
     walkers: int | None = None,
 ) -> SampledDraws:
     """Return a run of emcee over parameters and hyper-parameters, and its posterior draws.
@@ -429,7 +430,7 @@ def _sample_jointly(
     d = len(start.bound.names) + len(start.bound.hyper_prior.names)
     count = walkers or max(_WALKERS, 4 * d)
     require(
-        ensembles >= _CHAINS,
+        ensembles >= CHAINS,
         f"ensembles must be at least 4, got {ensembles}. R-hat needs independent chains.",
     )
     require(

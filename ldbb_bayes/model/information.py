@@ -270,12 +270,7 @@ class Information:
         covariance[np.ix_(free, free)] = inverse @ inverse.T
         return covariance
 
-    def variances(
-        self,
-        fixed: Collection[str] = (),
-        *,
-        times: float = 1.0,
-    ) -> Array:
+    def variances(self, fixed: Collection[str] = ()) -> Array:
         """Return the posterior variances of the p parameters of interest, shape (p,).
 
         Each variance is divided by the square of the parameter's ``scale``, which is its prior sd
@@ -285,10 +280,8 @@ class Information:
         ----------
         fixed
             Class names of terms, or names of single coefficients, that are taken as known.
-        times
-            Number of repetitions of all readings, each with independent noise.
         """
-        return np.diag(self.covariance(fixed, times=times))[self.interest]
+        return np.diag(self.covariance(fixed))[self.interest]
 
     def shares(
         self,

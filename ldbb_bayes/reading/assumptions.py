@@ -9,8 +9,17 @@ from typing import Any, NamedTuple
 from ldbb_bayes.reading.cited_lines import CitedLine
 from ldbb_bayes.reading.layout import Layout
 
-__all__ = ["NOTHING_STATED", "Assumption", "AssumptionLog", "shown_list"]
+__all__ = [
+    "LIST_SHOWN",
+    "NOTHING_STATED",
+    "Assumption",
+    "AssumptionLog",
+    "shown_list",
+]
 
+# A note or an error message shows at most this number of characters of a list, such as a list of
+# tests or columns.
+LIST_SHOWN = 200
 #: reason for a value that is assumed because nothing in the files states it
 NOTHING_STATED = "nothing says otherwise"
 # Reason for an assumed value if some texts in the files were not understood. No other text states
@@ -22,7 +31,7 @@ _SUBJECTS_WITH_PLACES = ("left out", "list of tests")
 _PLACES_SHOWN = 300  # longest list of such places [characters]
 
 
-def shown_list(texts: Iterable[str], longest: int) -> str:
+def shown_list(texts: Iterable[str], longest: int = LIST_SHOWN) -> str:
     """Return a list of texts, such as file names, separated by commas; a long list is shortened.
 
     If the list is longer than ``longest`` characters, the texts that do not fit completely are

@@ -67,8 +67,6 @@ _ASSUMED = {
 _USUAL_RADIUS = re.compile(
     r"(?!.*(?:diam|durchm|[ØøΦ⌀]|\bD\W*\d))\D*(?<![.,])150(?:[.,]0+)?\s*(?:mm)?\W*", re.IGNORECASE
 )
-# A note shows at most this number of characters of a list of forces.
-_LIST_SHOWN = 200
 
 
 class _StatedValue(NamedTuple):
@@ -486,8 +484,8 @@ def _note_force_law(tests: Sequence[CircularTest], log: AssumptionLog) -> None:
             stated.append(f"{test.force_N:g} N at {test.pressure_bar:g} bar")
             by_law.append(f"{force_by_law:.4g} N")
     if stated:
-        forces = shown_list(stated, _LIST_SHOWN)
-        reason = f"of the pressures the force law makes {shown_list(by_law, _LIST_SHOWN)}"
+        forces = shown_list(stated)
+        reason = f"of the pressures the force law makes {shown_list(by_law)}"
         log.add("", "force", forces, reason, options)
     if any(test.force_N is None for test in tests):
         words = f"{law.slope_N_per_bar:g} N/bar × pressure − {-law.offset_N:g} N"

@@ -11,7 +11,7 @@ from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.reading.assumptions import AssumptionLog
 from ldbb_bayes.reading.header_rows import names_any_role
 from ldbb_bayes.reading.header_units import unit_of
-from ldbb_bayes.reading.heading import Heading
+from ldbb_bayes.reading.heading import CONDITION_ROLES, Heading
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.planes import PLANE_OF_SWAPPED, PLANES_OF_G_CODE, plane_named
@@ -54,10 +54,6 @@ _TRAVEL_WORD = re.compile(
 _WORDS = re.compile(r"[A-Z]+(?![a-zäöüß])|[A-Z]?[a-zäöüß]+")
 # Regular expression for the word "plane" in several languages, such as German "Ebene".
 _PLANE_WORD = re.compile(r"planes?|plan|plano|piano|\w*ebene", re.IGNORECASE)
-# Roles of columns that state a condition of a test: its force, its pressure or its direction of
-# travel. The user may state that such a column also names the tests; each test is then named by its
-# force, for example.
-_CONDITIONS = ("force", "pressure", "direction")
 
 
 def with_condition_that_names_tests(
@@ -88,7 +84,7 @@ def with_condition_that_names_tests(
         return heading
     column = heading.roles["test"]
     header = heading.headers[column]
-    for role in _CONDITIONS:
+    for role in CONDITION_ROLES:
         is_stated = role in layout.columns or not _names_only(header, heading.units[column], role)
         if is_stated or not all(_states_condition(role, cell) for cell in cells[column]):
             continue

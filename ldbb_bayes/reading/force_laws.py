@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterable
 
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.reading.cited_lines import TEXT_SHOWN
 from ldbb_bayes.reading.words import LONGEST_TEXT
 
 __all__ = ["check_force_law", "states_force_law"]
@@ -45,8 +46,6 @@ _NAMED_TERM = re.compile(
 )
 # Regular expressions for statements of a force law, or of a single constant of a force law.
 _LAWS = (_FORCE_PER_PRESSURE, _TIMES_PRESSURE, _FORCE_OF_ONE, _NAMED_TERM)
-# An error message shows at most this number of characters of a line.
-_LINE_SHOWN = 80
 
 
 def states_force_law(text: str) -> bool:
@@ -72,6 +71,6 @@ def check_force_law(place: str, lines: Iterable[tuple[int | str, str]]) -> None:
         if states_force_law(text):
             raise InputError(
                 f"{place}: the law of force and pressure must be given by options, got"
-                f" {text.strip()[:_LINE_SHOWN]!r} in line {line}. Give it as --force-slope (N per"
+                f" {text.strip()[:TEXT_SHOWN]!r} in line {line}. Give it as --force-slope (N per"
                 " bar) and --force-offset (N at zero pressure)."
             )

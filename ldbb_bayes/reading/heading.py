@@ -38,8 +38,10 @@ from ldbb_bayes.reading.words import (
     unit_named,
 )
 
-__all__ = ["Heading", "NoTableError", "find_heading", "unused_columns"]
+__all__ = ["CONDITION_ROLES", "Heading", "NoTableError", "find_heading", "unused_columns"]
 
+# Roles of columns that state a condition of a test, with the same value in all of its rows.
+CONDITION_ROLES = ("force", "pressure", "direction")
 # Units that may stand in place of the name of a column.
 _UNITS_ALONE = ("deg", "rad", "um", "mm", "nm")
 # Fields that a row of labels and numbers above a table may state.

@@ -8,7 +8,6 @@ from ldbb_bayes.reading.assumptions import AssumptionLog, shown_list
 from ldbb_bayes.reading.heading import Heading
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.sheet import Sheet
-from ldbb_bayes.reading.words import LONGEST_NAME
 
 __all__ = ["note_heading"]
 
@@ -54,7 +53,7 @@ def _note_columns(sheet: Sheet, heading: Heading, layout: Layout, log: Assumptio
         if not heading.line:
             reason = "no header: the first two"
         options = ", ".join(f"--{role}-column" for role in columns)
-        log.add(sheet.place, "columns", shown_list(assignments, LONGEST_NAME), reason, options)
+        log.add(sheet.place, "columns", shown_list(assignments), reason, options)
 
 
 def _note_format(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:

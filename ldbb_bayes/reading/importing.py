@@ -16,7 +16,7 @@ from typing import Any
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.campaign.text_table import EmptyFileError
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.reading.assumptions import AssumptionLog, shown_list
+from ldbb_bayes.reading.assumptions import LIST_SHOWN, AssumptionLog, shown_list
 from ldbb_bayes.reading.campaign_fields import (
     find_resolution,
     note_assumed_fields,
@@ -68,8 +68,6 @@ __all__ = ["import_campaign"]
 
 # Largest number of tests in a campaign.
 LARGEST_TESTS = 1000
-# An error message shows at most this number of characters of a list of tests or files.
-_LIST_SHOWN = 200
 
 
 def import_campaign(
@@ -284,7 +282,7 @@ def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, 
             advice = advice_on_tests(recordings, len(values)) or usual_advice
             raise InputError(
                 f"{option_for(key)} must hold one number for each test, got {len(values)} for"
-                f" {len(recordings)} tests ({titles[:_LIST_SHOWN]}). {advice}"
+                f" {len(recordings)} tests ({titles[:LIST_SHOWN]}). {advice}"
             )
         loads[key] = values
     return loads
@@ -438,7 +436,7 @@ def _check_names_differ(tests: Sequence[CircularTest], paths: Sequence[Path]) ->
         if test.name in names:
             listed = ", ".join(str(path) for path in paths)
             raise InputError(
-                f"{listed[:_LIST_SHOWN]}: tests must bear different names, got {test.name!r}"
+                f"{listed[:LIST_SHOWN]}: tests must bear different names, got {test.name!r}"
                 " twice. A file or sheet named twice? Else rename one, or give it a name in a"
                 " [[test]] of --layout."
             )
@@ -460,7 +458,7 @@ def _note_unused_columns(
             places.add(place)
             reason = "no role is known for them"
             option = "--…-column, or a [[test]] in --layout"
-            log.add(place, "columns not used", shown_list(headers, _LIST_SHOWN), reason, option)
+            log.add(place, "columns not used", shown_list(headers), reason, option)
 
 
 def _note_unused_entries(
@@ -477,7 +475,7 @@ def _note_unused_entries(
     for entry in layout.test:
         if entry.file not in names:
             reason = "no file, sheet or label of that name"
-            log.add("", "[[test]] not used", entry.file[:_LIST_SHOWN], reason, "--layout")
+            log.add("", "[[test]] not used", entry.file[:LIST_SHOWN], reason, "--layout")
 
 
 def _note_unused_loads(lines: Lines, log: AssumptionLog) -> None:

@@ -14,15 +14,12 @@ from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.reading.assumptions import AssumptionLog
 from ldbb_bayes.reading.column_roles import names_circle
 from ldbb_bayes.reading.header_units import unit_of
-from ldbb_bayes.reading.heading import Heading
+from ldbb_bayes.reading.heading import CONDITION_ROLES, Heading
 from ldbb_bayes.reading.planes import plane_named
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.words import LONGEST_NAME
 
 __all__ = ["filled_downwards", "with_merged_rows_filled"]
-
-# Roles of columns that state conditions of a circle, with the same value in all of its rows.
-_CONDITIONS = ("force", "pressure", "direction")
 
 
 def with_merged_rows_filled(
@@ -85,7 +82,7 @@ def _states_condition(heading: Heading, column: int, words: Sequence[str]) -> bo
 
     ``column`` is the index of the column, and ``words`` are its cells.
     """
-    if column in [heading.roles.get(role) for role in _CONDITIONS]:
+    if column in [heading.roles.get(role) for role in CONDITION_ROLES]:
         return True
     if column in heading.roles.values() or column in heading.readings:
         return False

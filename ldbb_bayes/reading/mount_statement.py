@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.reading.cited_lines import CitedLine, quoted_line
+from ldbb_bayes.reading.cited_lines import TEXT_SHOWN, CitedLine, quoted_line
 from ldbb_bayes.reading.line_parts import divide_line
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
 
@@ -41,8 +41,6 @@ _RAW = re.compile(_WORDS["raw"], re.IGNORECASE)
 # Regular expression for words, such as "the" and "readings", which do not change the meaning of a
 # statement about the mount.
 _BESIDE = re.compile(_WORDS["beside"], re.IGNORECASE)
-# An error message shows at most this number of characters of a line.
-_LINE_SHOWN = 80
 
 
 def mount_state(statement: str) -> str:
@@ -86,7 +84,7 @@ def check_mount_is_clear(place: str, lines: Iterable[tuple[int | str, str]]) -> 
             if _is_ambiguous(statement):
                 raise InputError(
                     f"{place}: whether the readings contain the deflection of the ball's mount"
-                    f" must be clear, got {statement.strip()[:_LINE_SHOWN]!r} in line {line}. Give"
+                    f" must be clear, got {statement.strip()[:TEXT_SHOWN]!r} in line {line}. Give"
                     " --raw if they do, or --mount-um-per-bar (µm per bar) if they are compensated"
                     " for it."
                 )
@@ -107,7 +105,7 @@ def unread_mount(lines: Iterable[tuple[int | str, str]]) -> CitedLine | None:
                 return None
             is_of_mount = _MOUNT.search(statement) and _DEFLECTION.search(statement)
             if is_of_mount or _RAW.search(statement):
-                return quoted_line(line, statement, "not understood", _LINE_SHOWN)
+                return quoted_line(line, statement, "not understood", TEXT_SHOWN)
     return None
 
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from ldbb_bayes.reading.words import LONGEST_TEXT
+from ldbb_bayes.units import MM_PER_INCH
 
 __all__ = [
     "ProgrammedArc",
@@ -69,7 +70,6 @@ _INCHES = re.compile(r"(?<![A-Za-z\d])G(?:20|70)(?![\d.])", re.IGNORECASE)
 # Regular expression for the words DR+ and DR- of a Heidenhain control, which say whether an arc
 # runs counter-clockwise or clockwise.
 _ARC_AROUND_POLE = re.compile(r"(?<![A-Za-z])DR\s?(?P<sense>[+\-])(?!\d)")
-_MM_PER_INCH = 25.4
 # Directions of travel that the words G2, G3, DR- and DR+ select; the keys are the last characters
 # of the words.
 _SENSES = {"2": "CW", "3": "CCW", "-": "CW", "+": "CCW"}
@@ -153,7 +153,7 @@ def programmed_arcs(lines: Sequence[tuple[int | str, str]]) -> list[ProgrammedAr
     texts = [text[:LONGEST_TEXT] for _, text in lines]
     unit_mm = 1.0
     if any(_INCHES.search(text) for text in texts):
-        unit_mm = _MM_PER_INCH
+        unit_mm = MM_PER_INCH
     programme = _Programme(
         unit_mm,
         has_absolute_centres=any(_ABSOLUTE_CENTRE.search(text) for text in texts),

@@ -391,7 +391,7 @@ def _check_rows_hold_readings(
         rows = statistics_among(cells[column])
         if rows:
             name = heading.headers[column][:LONGEST_NAME]
-            listed = shown_list([str(lines[row]) for row in rows], LONGEST_NAME)
+            listed = shown_list([str(lines[row]) for row in rows])
             raise InputError(
                 f"{sheet.place}: rows must hold readings, got {cells[column][rows[0]]!r} in column"
                 f" {name!r}. Remove the rows of statistics: {listed}."
@@ -399,7 +399,7 @@ def _check_rows_hold_readings(
         unfit = unfit_among(cells[column])
         if unfit:
             name = heading.headers[column][:LONGEST_NAME]
-            listed = shown_list([str(lines[row]) for row in unfit], LONGEST_NAME)
+            listed = shown_list([str(lines[row]) for row in unfit])
             raise InputError(
                 f"{sheet.place}, line {lines[unfit[0]]}: rows must hold readings, got"
                 f" {cells[column][unfit[0]][:LONGEST_NAME]!r} in column {name!r}. Remove the rows:"
@@ -409,7 +409,7 @@ def _check_rows_hold_readings(
         if words:
             name = heading.headers[column][:LONGEST_NAME]
             word = cells[column][words[0]][:LONGEST_NAME]
-            listed = shown_list([str(lines[row]) for row in words], LONGEST_NAME)
+            listed = shown_list([str(lines[row]) for row in words])
             raise InputError(
                 f"{sheet.place}: rows must hold readings, got {word!r} in column {name!r}. Apply to"
                 f" the readings what these rows state, and remove the rows: {listed}."

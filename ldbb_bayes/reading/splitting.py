@@ -234,7 +234,7 @@ def _note_unread_list(sheet: Sheet, headers: Sequence[str], log: AssumptionLog) 
         log.add(
             sheet.place,
             "columns not used",
-            shown_list(headers, LONGEST_NAME),
+            shown_list(headers),
             "in the list of tests on another sheet, no role is known for them",
             "a [[test]] in --layout",
         )
@@ -353,7 +353,7 @@ def _without_placeholders(
         # raises an error for such rows.
         return list(rows)
     if left_out:
-        listed = shown_list(dict.fromkeys(left_out.values()), LONGEST_NAME)
+        listed = shown_list(dict.fromkeys(left_out.values()))
         reason = (
             f"{listed} from line {columns.lines[min(left_out)]} on, far from all other numbers of"
             " the column"
@@ -380,9 +380,7 @@ def _without_statistics(sheet: Sheet, heading: Heading, log: AssumptionLog) -> S
     if not statistics:
         return sheet
     labels = [repr(label_of_statistics(row, column)) for row in statistics]
-    reason = (
-        f"{shown_list(list(dict.fromkeys(labels)), LONGEST_NAME)} from line {statistics[0].line} on"
-    )
+    reason = f"{shown_list(list(dict.fromkeys(labels)))} from line {statistics[0].line} on"
     count = _count_left_out(len(statistics))
     log.add(sheet.place, "left out", count, reason, "numbers in these cells")
     lines = {row.line for row in statistics}

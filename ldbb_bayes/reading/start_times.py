@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ldbb_bayes.reading.assumptions import AssumptionLog, shown_list
+from ldbb_bayes.reading.assumptions import LIST_SHOWN, AssumptionLog, shown_list
 from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line
 from ldbb_bayes.reading.dates import iso_date
 from ldbb_bayes.reading.numerals import DAY_S
@@ -45,8 +45,6 @@ _SHORTEST_CIRCLE_S = 5.0
 _DATE_IN_NAME = re.compile(
     r"(?<!\d)(?:(?:19|20)\d\d([-_.])\d\d\1\d\d|\d\d([-_.])\d\d\2(?:19|20)\d\d)(?!\d)"
 )
-# A note shows at most this number of characters of a list of names.
-_LIST_SHOWN = 200
 # Options with which the user can replace the start times of tests. They are named in the notes that
 # list the start times found in the files.
 _OPTIONS_TAKEN = "time_s of a [[test]] in --layout, --no-drift"
@@ -147,7 +145,7 @@ def _times_of_tests(starts: Sequence[_Start], recordings: Sequence[Recording]) -
         stated = [start.title for start in starts]
         lacking = [title for title in titles if title not in stated]
         counts = f"only {len(starts)} of {len(titles)} tests state when they were run"
-        return _Times(None, f"{counts}, not {shown_list(lacking, _LIST_SHOWN)}")
+        return _Times(None, f"{counts}, not {shown_list(lacking)}")
     return _times_from_stamps([start.stamp for start in starts])
 
 
@@ -219,7 +217,7 @@ def _stated_starts(recording: Recording) -> list[_Start]:
     title = recording.title
     starts = []
     for header, cell in recording.first_cells.items():
-        source = f"the column {header[:_LIST_SHOWN]!r}"
+        source = f"the column {header[:LIST_SHOWN]!r}"
         for stamp in _stamps_of_cell(header, cell):
             starts.append(_Start(title, stamp, source, header))
     for line, text in recording.heading.lines_above:
@@ -370,10 +368,10 @@ def _note_times(starts: Sequence[_Start], times: _Times, log: AssumptionLog) -> 
         entries.append(f"{starts[k].title} at {seconds[k] / 60.0:.4g} min")
     sources = list(dict.fromkeys(str(start.source) for start in starts))
     log.cite("", [start.source for start in starts if isinstance(start.source, CitedLine)])
-    reason = shown_list(sources, _LIST_SHOWN)
+    reason = shown_list(sources)
     if times.reason:
         reason += f"; {times.reason}"
-    log.add("", "time_s", shown_list(entries, _LIST_SHOWN), reason, _OPTIONS_TAKEN)
+    log.add("", "time_s", shown_list(entries), reason, _OPTIONS_TAKEN)
     if in_order != list(range(len(starts))):
         log.add("", "order", "that of their times", "they are listed in another", _OPTIONS_TAKEN)
     span_s = float(seconds.max())

@@ -15,7 +15,7 @@ from ldbb_bayes.reading.angle_convention import (
     header_of_rotation,
 )
 from ldbb_bayes.reading.angular_speed import feed_of_angular_speed
-from ldbb_bayes.reading.assumptions import NOTHING_STATED
+from ldbb_bayes.reading.assumptions import LIST_SHOWN, NOTHING_STATED
 from ldbb_bayes.reading.cartesian_columns import (
     advice_on_positions,
     lie_on_circle,
@@ -70,8 +70,6 @@ _MORE_THAN_A_TURN = 1.02
 _CLOSED_TURN_DEG = 360.01
 # Words for the directions of travel and the senses of angles.
 _IN_WORDS = {"CW": "clockwise", "CCW": "counter-clockwise"}
-# An error message shows at most this number of characters of a list of columns.
-_LIST_SHOWN = 200
 # An error message shows at most this number of computed columns, and of characters of a header.
 _COLUMNS_SHOWN = 4
 _LONGEST_HEADER_SHOWN = 40
@@ -156,13 +154,13 @@ def _missing_column(recording: Recording, role: str, content: str) -> InputError
         has_reading = column is not None and recording.heading.headers[column] not in positions
         plane = plane_of_positions(positions, _plane_of(recording))
         return InputError(
-            f"{recording.place}: a column must hold the {content}, got {headers[:_LIST_SHOWN]} in"
+            f"{recording.place}: a column must hold the {content}, got {headers[:LIST_SHOWN]} in"
             f" line {recording.heading.line}. {advice_on_positions(plane, has_reading)}"
             f" If one column is the {role}: --{role}-column."
         )
     advice = _computed_columns(recording) if role == "reading" else ""
     return InputError(
-        f"{recording.place}: a column must hold the {content}, got {headers[:_LIST_SHOWN]} in line"
+        f"{recording.place}: a column must hold the {content}, got {headers[:LIST_SHOWN]} in line"
         f" {recording.heading.line}. Say which: {options}.{advice}"
     )
 
@@ -325,7 +323,7 @@ def _missing_feed(recording: Recording) -> InputError:
         plane = plane_of_positions(positions, _plane_of(recording))
         return InputError(
             f"{recording.place}: a log over time must come with its feed, got none, and positions"
-            f" {listed[:_LIST_SHOWN]}. {advice_on_positions(plane, has_reading=True)} If the"
+            f" {listed[:LIST_SHOWN]}. {advice_on_positions(plane, has_reading=True)} If the"
             " feed is known: --feed-mm-per-min."
         )
     return InputError(

@@ -21,7 +21,7 @@ from fpdf.fonts import FontFace, TTFFont
 from ldbb_bayes.report.blocks import Banner, Block, Fields, Items, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.results import Table
-from ldbb_bayes.units import keep_with_units
+from ldbb_bayes.units import MM_PER_INCH, keep_with_units
 
 __all__ = ["fit_to_pages", "pdf_of"]
 
@@ -47,7 +47,6 @@ _LEAST_FIRST_WIDTH = 20.0
 _ROW_GAP = 4.0  # distance between two figures side by side on a page [mm]
 _BULLET_WIDTH = 4.0  # width of the space for the bullet before an item of a list on a page [mm]
 _DPI = 300.0
-_MM_PER_INCH = 25.4
 _LINE_HEIGHT = 0.46  # height of a line of text, divided by the font size [mm per point]
 _INK = 0  # grey level of text on a page of the certificate, from 0 (black) to 255 (white)
 # grey level of notes, captions and names of form fields, from 0 (black) to 255 (white)
@@ -448,7 +447,7 @@ def _draw_picture(
     width = min(width, height * inches[0] / inches[1])
     if pictures:
         image = io.BytesIO()
-        dpi = _DPI * width / _MM_PER_INCH / inches[0]
+        dpi = _DPI * width / MM_PER_INCH / inches[0]
         picture.figure.savefig(image, format="png", dpi=dpi)
         pdf.image(image, left, pdf.y, width, alt_text=picture.caption)
     pdf.set_xy(left, pdf.y + width * inches[1] / inches[0])

@@ -23,7 +23,7 @@ from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.parameter_figures import WORDS
-from ldbb_bayes.report.figures.style import band, panels, styled
+from ldbb_bayes.report.figures.style import DASHED, band, panels, styled
 from ldbb_bayes.results import Array
 
 __all__ = ["MOST_BANDS", "residuals", "traces"]
@@ -58,7 +58,6 @@ _EXPLANATION_GAP = 0.6
 _CHARACTERS = {1: 72, 2: 26, 3: 112}
 _FONT_SIZE = 7
 _ANGLE = np.linspace(0.0, 2 * np.pi, 361)
-_DASHED = (0, (4, 3))
 _BOX = MappingProxyType({"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.85})
 
 
@@ -325,7 +324,7 @@ def _draw_rings(axes: Any, trace_data: _TraceData, plane: str) -> None:
     zero = trace_data.zero_radius
     if trace_data.has_nominal_circle:
         circle = np.full_like(_ANGLE[::2], zero)
-        axes.plot(_ANGLE[::2], circle, color="black", linewidth=0.8, linestyle=_DASHED)
+        axes.plot(_ANGLE[::2], circle, color="black", linewidth=0.8, linestyle=DASHED)
     angles = range(0, 360, 45)
     names = {0: f"+{PLANES[plane].first}", 90: f"+{PLANES[plane].second}"}
     axes.set_xticks(np.deg2rad(angles), [names.get(angle, f"{angle}°") for angle in angles])

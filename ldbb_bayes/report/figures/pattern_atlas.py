@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from ldbb_bayes.machine.chain import Circle, Machine
 from ldbb_bayes.machine.linear import geometric_jacobian, kept_compliances, wrench_jacobian
 from ldbb_bayes.machine.parameters import geometric_names, wrench_names
-from ldbb_bayes.report.figures.style import ACCENT, GREY, PALETTE, panels, styled
+from ldbb_bayes.report.figures.style import ACCENT, DASHED, GREY, PALETTE, panels, styled
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import display_name
 
@@ -25,7 +25,6 @@ _ANGLE = np.linspace(0.0, 2 * np.pi, 361)
 # The curve of a parameter's pattern (its effect on the reading) is drawn around a circle. This
 # value is the largest distance between curve and circle, as a fraction of the circle's radius.
 _SWING = 0.45
-_DASHED = (0, (4, 3))
 
 
 @styled
@@ -135,7 +134,7 @@ def _atlas(
             swing = pattern / peak
         radius = 1.0 + _SWING * swing
         width = 2.0 if name in bold else 1.1
-        axes.plot(_ANGLE, np.ones_like(_ANGLE), color=GREY, linewidth=0.8, linestyle=_DASHED)
+        axes.plot(_ANGLE, np.ones_like(_ANGLE), color=GREY, linewidth=0.8, linestyle=DASHED)
         axes.plot(_ANGLE, radius, color=colours.get(name, GREY), linewidth=width)
         axes.set_rlim(0.0, 1.0 + 1.1 * _SWING)
         axes.set_rticks([])

@@ -37,6 +37,8 @@ ACCENT = PALETTE[0]
 GREY = "#8C8C8C"
 FAINT = "#B8B8B8"
 LIGHT = "#D9D9D9"
+# Dashes and gaps of a reference line, such as a nominal circle, in units of its width.
+DASHED = (0, (4, 3))
 # Colours of the model terms (sources of uncertainty), which are the same in all figures. The keys
 # are the class names of the terms. The colours of terms that a user defines are taken from
 # ``_SPARE``.
