@@ -209,8 +209,8 @@ def _fill_from_certificates(path: Path, content: dict[str, Any]) -> None:
     """In each table of campaign.toml, replace the key ``dcc`` with what the certificate states.
 
     The key ``dcc`` names the file of a digital calibration certificate (DCC). ``content`` is the
-    content of the campaign.toml at ``path`` and is changed in place. Raise an `InputError` if a
-    table and its certificate both give the same value.
+    content of the campaign.toml at ``path`` and is changed in place. Raise an `InputError` if the
+    key is no text, or if a table and its certificate both give the same value.
     """
     tables = {"bar": content.get("bar"), "force": content.get("force")}
     balls = content.get("balls", {})
@@ -218,11 +218,14 @@ def _fill_from_certificates(path: Path, content: dict[str, Any]) -> None:
         tables["balls.work"] = balls.get("work")
         tables["balls.tool"] = balls.get("tool")
     for name, table in tables.items():
-        if not isinstance(table, dict):
+        if not isinstance(table, dict) or "dcc" not in table:
             continue
-        dcc = table.pop("dcc", None)
+        dcc = table.pop("dcc")
         if not isinstance(dcc, str):
-            continue
+            raise InputError(
+                f"{path}: dcc of [{name}] must be the name of a certificate's file, got {dcc!r}."
+                ' Write it like dcc = "bar.xml".'
+            )
         certified = "ball" if name.startswith("balls.") else name
         certificate = read_dcc(_path_inside(path, f"[{name}]: dcc", dcc))
         radius_mm = content.get("radius_mm")

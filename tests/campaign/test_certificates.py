@@ -409,6 +409,15 @@ def test_a_campaign_takes_its_instrument_from_it(tmp_path: Path) -> None:
         )
 
 
+def test_a_dcc_that_is_no_file_name_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "campaign"
+    lb.write_campaign(lb.read_campaign(lb.embedded_campaign()), folder)
+    toml = folder / "campaign.toml"
+    text = toml.read_text("utf-8")
+    toml.write_text(text.replace("[[test]]", "[bar]\ndcc = 5\n\n[[test]]", 1), "utf-8")
+    refuses(r"dcc of \[bar\] must be the name of .* file, got 5", lb.read_campaign, folder)
+
+
 BOMB = '<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "bb"><!ENTITY c "&b;&b;">]><a>&c;</a>'
 
 
