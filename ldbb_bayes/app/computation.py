@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ldbb_bayes.app.worker import CHOICES_NAME, OUTCOME_NAME, PROGRESS_NAME
+from ldbb_bayes.app.worker import ENTRIES_NAME, OUTCOME_NAME, PROGRESS_NAME
 from ldbb_bayes.parallel import ONE_THREAD
 
 __all__ = ["Computation"]
@@ -63,12 +63,12 @@ class Computation:
                 return {**progress, "seconds": seconds}
         return {"share": 0.0, "step": "start", "of": 0, "seconds": seconds}
 
-    async def compute(self, choices: dict[str, Any]) -> dict[str, Any]:
+    async def compute(self, entries: dict[str, Any]) -> dict[str, Any]:
         """Run the fit or search in a new process, and return what the process wrote.
 
         Parameters
         ----------
-        choices
+        entries
             What the user typed; the process reads it.
 
         Returns
@@ -77,7 +77,7 @@ class Computation:
             Result of the computation, or an error message; empty if the process ended without
             either.
         """
-        (self.folder / CHOICES_NAME).write_text(json.dumps(choices), encoding="utf-8")
+        (self.folder / ENTRIES_NAME).write_text(json.dumps(entries), encoding="utf-8")
         self.started_s = time.monotonic()
         nowhere = asyncio.subprocess.DEVNULL
         self.process = await asyncio.create_subprocess_exec(

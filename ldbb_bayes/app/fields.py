@@ -262,7 +262,7 @@ def _typed_number(field_option: Option, flag: str, text: str) -> float:
 
 
 def _make_from_entries(
-    group_name: str, make: Callable[..., Any], choices: Mapping[str, str], folder: Path
+    group_name: str, make: Callable[..., Any], entries: Mapping[str, str], folder: Path
 ) -> Any:
     """Return the result of calling a function with the values of a group of options.
 
@@ -275,7 +275,7 @@ def _make_from_entries(
     make
         Function that is called, such as a function that returns the layout of the tables. Its
         keyword arguments are the values of the options.
-    choices
+    entries
         Texts typed on the page; the keys are the names of the entry fields.
     folder
         Folder of the session (one browser tab), which contains the files that the user added.
@@ -288,21 +288,21 @@ def _make_from_entries(
     options = _GROUPS[group_name]
     typed = {}
     for name, field_option in options.items():
-        text = choices.get(name, "").strip() if name in FIELDS else ""
+        text = entries.get(name, "").strip() if name in FIELDS else ""
         typed[name] = field_option.default
         if text:
             typed[name] = typed_value(field_option, name, text, folder)
     return group(make, **options).take_from(typed)
 
 
-def report_settings(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
+def report_settings(folder: Path, entries: Mapping[str, str]) -> dict[str, Any]:
     """Return the options of a session's report, converted as ``ldbb-bayes report`` converts them.
 
     Parameters
     ----------
     folder
         Folder of the session (one browser tab).
-    choices
+    entries
         Texts typed on the page; the keys are the names of the entry fields.
 
     Returns
@@ -315,18 +315,18 @@ def report_settings(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     InputError
         If an entry cannot be read.
     """
-    settings: dict[str, Any] = _make_from_entries("report", dict, choices, folder)
+    settings: dict[str, Any] = _make_from_entries("report", dict, entries, folder)
     return settings
 
 
-def source_from(folder: Path, choices: Mapping[str, str]) -> ReportSource:
+def source_from(folder: Path, entries: Mapping[str, str]) -> ReportSource:
     """Return the files of a session, and the command-line options that describe their content.
 
     Parameters
     ----------
     folder
         Folder of the session (one browser tab).
-    choices
+    entries
         Texts typed on the page; the keys are the names of the entry fields.
 
     Returns
@@ -359,18 +359,18 @@ def source_from(folder: Path, choices: Mapping[str, str]) -> ReportSource:
 
     stated: dict[str, Any] = {}
     for group_name in ("name", "table", "labels"):
-        stated |= _make_from_entries(group_name, dict, choices, folder)
+        stated |= _make_from_entries(group_name, dict, entries, folder)
     instrument_of_length = partial(instrument_fields, bar_length_mm=stated.get("radius_mm"))
     return ReportSource(
         typed_paths=files,
         paths=matching(files),
-        layout=_make_from_entries("layout", LAYOUT_OPTIONS.make, choices, folder),
+        layout=_make_from_entries("layout", LAYOUT_OPTIONS.make, entries, folder),
         campaign_fields=campaign_fields(**stated),
-        certificates=_make_from_entries("certificates", instrument_of_length, choices, folder),
+        certificates=_make_from_entries("certificates", instrument_of_length, entries, folder),
     )
 
 
-def read_files(folder: Path, choices: Mapping[str, str]) -> SourceCampaign:
+def read_files(folder: Path, entries: Mapping[str, str]) -> SourceCampaign:
     """Return the campaign that the files of a session contain.
 
     The files are read in the same way as for the report.
@@ -379,7 +379,7 @@ def read_files(folder: Path, choices: Mapping[str, str]) -> SourceCampaign:
     ----------
     folder
         Folder of the session (one browser tab).
-    choices
+    entries
         Texts typed on the page; the keys are the names of the entry fields.
 
     Returns
@@ -392,8 +392,8 @@ def read_files(folder: Path, choices: Mapping[str, str]) -> SourceCampaign:
     InputError
         If a file or an entry cannot be used.
     """
-    campaign, imported = source_from(folder, choices).read(ask=False)
-    settings = report_settings(folder, choices)
+    campaign, imported = source_from(folder, entries).read(ask=False)
+    settings = report_settings(folder, entries)
     check_force(campaign, settings.get("force_N"))
     campaign = with_tolerances(campaign, model_from(), settings.get("tolerances", {}))
     return SourceCampaign(campaign, imported)

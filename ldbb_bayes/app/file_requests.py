@@ -110,6 +110,6 @@ async def take_example(registry: SessionRegistry, session: Session, request: Req
     for path in Path(lb.embedded_campaign()).iterdir():
         if path.suffix in (".csv", ".toml"):
             shutil.copyfile(path, session.folder / FILES / path.name)
-    session.choices.clear()
+    session.entries.clear()
     session.update_after_file_change()
     return JSONResponse({})

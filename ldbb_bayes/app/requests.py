@@ -46,13 +46,14 @@ async def _show_section(registry: SessionRegistry, session: Session, request: Re
             understand, session, session.typed_texts()
         )
         session.wrong_entries = understood.get("wrong", [])
-        values["found"] = understood
+        values["understood"] = understood
+        values["names"] = understood.get("names", ())
     elif name == "worth":
-        values["found"] = await registry.answering_process.ask(
+        values["worth"] = await registry.answering_process.ask(
             effects_of_certificates, session, session.typed_texts()
         )
     elif name == "plan":
-        values["found"] = await registry.answering_process.ask(
+        values["forecast"] = await registry.answering_process.ask(
             forecast, session, session.plan_entries
         )
         values["passages"] = passages_shown(session.search.outcome, session.language)
@@ -77,7 +78,7 @@ async def _show_forecast(registry: SessionRegistry, session: Session, request: R
     expected = await registry.answering_process.ask(forecast, session, sent)
     if "refused" not in expected:
         session.plan_entries = sent
-    section = registry.templates.show("forecast.html.j2", session.language, found=expected)
+    section = registry.templates.show("forecast.html.j2", session.language, forecast=expected)
     return HTMLResponse(section)
 
 
@@ -99,7 +100,7 @@ async def _leave(registry: SessionRegistry, session: Session, request: Request) 
     return Response(status_code=204)
 
 
-async def _take_choices(registry: SessionRegistry, session: Session, request: Request) -> Response:
+async def _take_entries(registry: SessionRegistry, session: Session, request: Request) -> Response:
     """Store the texts that the user typed on the page, or the language that the user chose.
 
     The request contains the texts as a JSON object, whose keys are the names of the entry fields.
@@ -114,13 +115,13 @@ async def _take_choices(registry: SessionRegistry, session: Session, request: Re
             # user's changes, tells the browser page that the report must be written again.
             session.edition += 1
         return JSONResponse({})
-    choices = {}
+    entries = {}
     for name, text in sent.items():
         if name in FIELDS and text.strip():
-            choices[name] = text.strip()
-    if choices != session.choices:
+            entries[name] = text.strip()
+    if entries != session.entries:
         session.edition += 1
-    session.choices = choices
+    session.entries = entries
     return JSONResponse({})
 
 
@@ -133,12 +134,12 @@ def _is_entry(text: object) -> bool:
 #: answers the request.
 ROUTES: tuple[tuple[str, str, Answer], ...] = (
     ("GET", "/", _show_page),
-    ("GET", "/part/{name}", _show_section),
+    ("GET", "/section/{name}", _show_section),
     ("GET", "/state", _state),
     ("PUT", "/files/{name:path}", add_file),
     ("DELETE", "/files/{name}", remove_file),
     ("POST", "/example", take_example),
-    ("POST", "/say", _take_choices),
+    ("POST", "/entries", _take_entries),
     ("POST", "/fit", start_fit),
     ("POST", "/cancel", cancel_fit),
     ("POST", "/leave", _leave),

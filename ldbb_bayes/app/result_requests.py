@@ -118,7 +118,7 @@ def operator_sheet(registry: SessionRegistry, session: Session, planned: Mapping
     return registry.templates.show(
         "operator.html.j2",
         session.language,
-        found=planned,
+        planned=planned,
         mountings=passages_in_language(planned["mountings"], session.language),
         handling=passages_in_language(planned["handling"], session.language),
     )

@@ -36,7 +36,7 @@ class Session:
     folder: Path  #: Folder of the files of the session (browser tab).
     language: str  #: Language of the browser page, en or de.
     #: Texts that the user typed on the page; the keys are the names of the entry fields.
-    choices: dict[str, str] = field(default_factory=dict)
+    entries: dict[str, str] = field(default_factory=dict)
     #: Names of the entry fields whose texts could not be used when the files were last read.
     wrong_entries: list[str] = field(default_factory=list)
     #: Number of changes that the user has made so far to files, entries and language.
@@ -118,14 +118,14 @@ class Session:
         """
         file_sizes = self.file_sizes
         has_campaign_file = TOML_NAME in file_sizes
-        choices = {}
-        for name, text in self.choices.items():
+        entries = {}
+        for name, text in self.entries.items():
             entry = FIELDS[name]
             is_deleted_file = entry.kind == "file" and text not in file_sizes
             is_in_campaign_file = has_campaign_file and entry.group in ("name", "table", "layout")
             if not (is_deleted_file or is_in_campaign_file):
-                choices[name] = text
-        self.choices = choices
+                entries[name] = text
+        self.entries = entries
         self.edition += 1
 
     def state(self) -> dict[str, Any]:
@@ -169,7 +169,7 @@ class Session:
 
         The keys of the result are the names of the entry fields.
         """
-        return {**self.choices, "language": self.language}
+        return {**self.entries, "language": self.language}
 
     def stop(self) -> None:
         """Stop the computations of the session (browser tab), and end all their processes."""

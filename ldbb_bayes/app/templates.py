@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import Any
 
 import jinja2
@@ -38,8 +39,7 @@ def _in_language_of_page(context: jinja2.runtime.Context, message: str) -> str |
     names: list[str] = []
     if "session" in context:
         names += context["session"].file_sizes
-    if "found" in context:
-        names += context["found"].get("names", ())
+    names += context["names"]
     return in_language(message, context["language"], names)
 
 
@@ -56,7 +56,7 @@ class Templates:
         self._environment.filters["number"] = _with_decimal_mark
         self._environment.filters["in_language"] = _in_language_of_page
 
-    def show(self, name: str, language: str, **values: Any) -> str:
+    def show(self, name: str, language: str, *, names: Sequence[str] = (), **values: Any) -> str:
         """Return the page, or a section of the page, as HTML.
 
         Parameters
@@ -65,6 +65,8 @@ class Templates:
             File name of the template.
         language
             One of `LANGUAGES`.
+        names
+            Names of the campaign and of its tests, which are not translated in messages.
         **values
             Values that the template shows.
 
@@ -77,6 +79,7 @@ class Templates:
         return template.render(
             w=words_of_page(language),
             language=language,
+            names=names,
             fields=FIELDS,
             search_fields=SEARCH_FIELDS,
             most={"files": MOST_FILES, "bytes": LARGEST_FILE},

@@ -74,14 +74,14 @@ def _without_folder(text: str, folder: Path) -> str:
     return text.replace(path, "the folder")
 
 
-def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
+def understand(folder: Path, entries: Mapping[str, str]) -> dict[str, Any]:
     """Return a description of the campaign that was read from the files of a session.
 
     Parameters
     ----------
     folder
         Folder of the session (one browser tab).
-    choices
+    entries
         Texts typed on the page; the keys are the names of the entry fields.
 
     Returns
@@ -95,11 +95,11 @@ def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
         cause the error (``wrong``).
     """
     try:
-        campaign, imported = read_files(folder, choices)
+        campaign, imported = read_files(folder, entries)
     except InputError as error:
         return {
             "refused": refusal(error, folder),
-            "wrong": _wrong_entries(folder, choices, error),
+            "wrong": _wrong_entries(folder, entries, error),
         }
     preview = lb.check_campaign(campaign)
     tested_planes = {test.circle.plane for test in campaign.tests}
@@ -127,7 +127,7 @@ def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     }
 
 
-def _wrong_entries(folder: Path, choices: Mapping[str, str], error: InputError) -> list[str]:
+def _wrong_entries(folder: Path, entries: Mapping[str, str], error: InputError) -> list[str]:
     """Return the names of the entry fields whose texts cause an error when files are read.
 
     An entry causes the error if the files can be read after the entry is removed. If there is no
@@ -137,19 +137,19 @@ def _wrong_entries(folder: Path, choices: Mapping[str, str], error: InputError) 
     ----------
     folder
         Folder of the session (one browser tab).
-    choices
+    entries
         Texts typed on the page; the keys are the names of the entry fields.
     error
         The error that was raised when the files were read with all entries.
     """
     causes = []
     possible_causes = []
-    for name in choices:
+    for name in entries:
         if name not in FIELDS or name == "language":
             continue
-        other_choices = {key: text for key, text in choices.items() if key != name}
+        other_entries = {key: text for key, text in entries.items() if key != name}
         try:
-            read_files(folder, other_choices)
+            read_files(folder, other_entries)
             causes.append(name)
         except InputError as remaining_error:
             if str(remaining_error) != str(error):

@@ -26,7 +26,7 @@ from ldbb_bayes.cli.progress import Begin, steps_of
 from ldbb_bayes.files import write_whole
 
 __all__ = [
-    "CHOICES_NAME",
+    "ENTRIES_NAME",
     "OUTCOME_NAME",
     "PROGRESS_NAME",
     "answer",
@@ -36,7 +36,7 @@ __all__ = [
 ]
 
 # name of the file with the texts that the user typed on the browser page
-CHOICES_NAME = "said.json"
+ENTRIES_NAME = "entries.json"
 PROGRESS_NAME = "progress.json"  # name of the file with the progress of a computation
 OUTCOME_NAME = "outcome.json"  # name of the file with a computation's result or error message
 # Largest length of the message about an unexpected error that the browser page shows [characters].
@@ -90,9 +90,9 @@ def main() -> None:
     job = Path(sys.argv[1])
     parent = int(sys.argv[2])
     threading.Thread(target=_end_after_parent, args=(parent,), daemon=True).start()
-    choices = json.loads((job / CHOICES_NAME).read_text(encoding="utf-8"))
+    entries = json.loads((job / ENTRIES_NAME).read_text(encoding="utf-8"))
     try:
-        outcome = answer(_COMPUTATIONS[sys.argv[3]], str(job), choices)
+        outcome = answer(_COMPUTATIONS[sys.argv[3]], str(job), entries)
     except Exception as error:  # noqa: BLE001 - an error of any kind is shown on the browser page
         outcome = {"unexpected": unexpected_message(error)}
     write_whole(job / OUTCOME_NAME, json.dumps(outcome).encode())
@@ -110,19 +110,19 @@ def _end_after_parent(parent: int) -> None:
     os._exit(1)
 
 
-def _write_report(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
+def _write_report(folder: Path, entries: Mapping[str, str]) -> dict[str, Any]:
     """Fit a model to the user's readings, write the report, and return its warnings and verdict.
 
-    ``folder`` holds a copy of the files that the user added in one browser tab. ``choices`` are the
+    ``folder`` holds a copy of the files that the user added in one browser tab. ``entries`` are the
     texts typed on the page; the keys are the names of the entry fields. In the result,
     ``converged`` says whether the fit converged, ``alerts`` are the warnings, and ``state`` is the
     sentence on whether the results can be used. Both are in the language of the report,
     ``language``.
     """
-    settings = report_settings(folder, choices)
+    settings = report_settings(folder, entries)
     output = Output(folder / RESULT, force=True)
     written = report_files(
-        source_from(folder, choices), output, settings, linear_model(), _steps_in_file(folder)
+        source_from(folder, entries), output, settings, linear_model(), _steps_in_file(folder)
     )
     return {
         "converged": written.converged,

@@ -39,7 +39,7 @@ _PARTS = {
 }
 
 
-def effects_of_certificates(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
+def effects_of_certificates(folder: Path, entries: Mapping[str, str]) -> dict[str, Any]:
     """Return the uncertainties U of parameters, and their largest reductions by new certificates.
 
     The certificates are calibration certificates of the instrument. U is the expanded uncertainty
@@ -50,7 +50,7 @@ def effects_of_certificates(folder: Path, choices: Mapping[str, str]) -> dict[st
     ----------
     folder
         Folder of the session (one browser tab).
-    choices
+    entries
         Texts typed on the page; the keys are the names of the entry fields.
 
     Returns
@@ -69,7 +69,7 @@ def effects_of_certificates(folder: Path, choices: Mapping[str, str]) -> dict[st
     InputError
         If a file or an entry cannot be used.
     """
-    campaign = read_files(folder, choices).campaign
+    campaign = read_files(folder, entries).campaign
     bound = linear_model().bind(campaign)
     nodes = hyper_parameter_nodes(bound)
     missing = missing_certificates(campaign.instrument)

@@ -145,33 +145,33 @@ def until(holds: Callable[[], Any], seconds: float = 60.0) -> Any:
 @pytest.mark.slow
 def test_a_direction_that_no_test_states_stands_in_parentheses(tab: Tab) -> None:
     tab.holding(RECOVERED / "f036.csv")
-    page = tab.ask("GET", "part/understood")[1]
+    page = tab.ask("GET", "section/understood")[1]
     assert '<td data-head="direction">(CW)</td>' in page
     assert "Direction in parentheses" in page
 
-    tab.ask("POST", "say", {"direction": "CW"})
-    page = tab.ask("GET", "part/understood")[1]
+    tab.ask("POST", "entries", {"direction": "CW"})
+    page = tab.ask("GET", "section/understood")[1]
     assert '<td data-head="direction">CW</td>' in page
     assert "Direction in parentheses" not in page
 
-    tab.ask("POST", "say", {"language": "de"})
-    page = tab.ask("GET", "part/understood")[1]
+    tab.ask("POST", "entries", {"language": "de"})
+    page = tab.ask("GET", "section/understood")[1]
     assert '<td data-head="Richtung">im Uhrzeigersinn</td>' in page
 
 
 @pytest.mark.slow
 def test_order_and_drift_are_stated_on_the_page(tab: Tab) -> None:
     tab.holding(*sorted(RECOVERED.glob("f*.csv")))
-    page = tab.ask("GET", "part/understood")[1]
+    page = tab.ask("GET", "section/understood")[1]
     assert "the order in which the tests are listed" in page
     assert re.search('name="order".*>as listed', page)
     assert re.search('name="no_drift".*>possible', page)
 
-    tab.ask("POST", "say", {"order": "random"})
-    assert "The tests were run in random order" in tab.ask("GET", "part/understood")[1]
-    tab.ask("POST", "say", {"order": "", "no_drift": "yes"})
-    tab.ask("POST", "say", {"language": "de"})
-    page = tab.ask("GET", "part/understood")[1]
+    tab.ask("POST", "entries", {"order": "random"})
+    assert "The tests were run in random order" in tab.ask("GET", "section/understood")[1]
+    tab.ask("POST", "entries", {"order": "", "no_drift": "yes"})
+    tab.ask("POST", "entries", {"language": "de"})
+    page = tab.ask("GET", "section/understood")[1]
     assert "Von Messung zu Messung driftet nichts (angegeben)." in page
     assert "Drift von Messung zu Messung" in page
     assert re.search('value="yes" selected>keine', page)
@@ -213,8 +213,8 @@ UNUSABLE: list[tuple[dict[str, str], str]] = [
 
 def test_a_wrong_entry_is_not_said_to_be_missing(tab: Tab) -> None:
     tab.holding(*sorted(RECOVERED.glob("f*.csv")))
-    tab.ask("POST", "say", {"radius_mm": "wide"})
-    page = tab.ask("GET", "part/understood")[1]
+    tab.ask("POST", "entries", {"radius_mm": "wide"})
+    page = tab.ask("GET", "section/understood")[1]
     assert "--radius-mm must be a number" in page
     assert "say below what is missing" not in page
 
@@ -223,23 +223,23 @@ def test_one_of_several_reasons_is_an_example(tab: Tab) -> None:
     readings = (RECOVERED / "f036.csv").read_bytes()
     for name in ("100 N.csv", "200 N.csv", "300 N.csv"):
         assert tab.ask("PUT", f"files/{name.replace(' ', '%20')}", readings)[0] == 200
-    page = tab.ask("GET", "part/understood")[1]
+    page = tab.ask("GET", "section/understood")[1]
     assert "<td>100 N, 200 N, 300 N</td><td>for example the name &#39;100 N&#39;" in page
 
 
 def test_entries_of_one_assumption_are_listed_without_their_full_stops(tab: Tab) -> None:
     tab.holding(*sorted(RECOVERED.glob("f*.csv")))
-    page = tab.ask("GET", "part/understood")[1]
+    page = tab.ask("GET", "section/understood")[1]
     assert 'data-field="angle_column">Column of the angle</a>, ' in page
 
 
 def test_the_mount_is_shown_in_the_unit_of_its_field(tab: Tab) -> None:
     tab.holding(*sorted(RECOVERED.glob("f*.csv")))
-    page = tab.ask("GET", "part/understood")[1]
+    page = tab.ask("GET", "section/understood")[1]
     assert 'name="mount_U_percent"' in page
     assert 'placeholder="± 0.47 µm/bar = 20 %, assumed"' in page
-    tab.ask("POST", "say", {"mount_U_percent": "2,5"})
-    assert "± 0.058 µm/bar = 2.5 % (stated)" in tab.ask("GET", "part/understood")[1]
+    tab.ask("POST", "entries", {"mount_U_percent": "2,5"})
+    assert "± 0.058 µm/bar = 2.5 % (stated)" in tab.ask("GET", "section/understood")[1]
 
 
 def test_a_sentence_of_the_report_bears_the_language_of_the_report() -> None:
@@ -261,44 +261,44 @@ def test_a_computation_says_how_long_it_has_run(tmp_path: Path) -> None:
 
 def test_a_german_page_shows_no_english_note(tab: Tab) -> None:
     tab.holding(*sorted(RECOVERED.glob("f*.csv")))
-    tab.ask("POST", "say", {"language": "de"})
-    assert 'lang="en"' not in tab.ask("GET", "part/understood")[1]
+    tab.ask("POST", "entries", {"language": "de"})
+    assert 'lang="en"' not in tab.ask("GET", "section/understood")[1]
 
 
 @pytest.mark.parametrize("statements", [statements for statements, _ in UNUSABLE])
 def test_a_german_page_shows_no_english_refusal(tab: Tab, statements: dict[str, str]) -> None:
     tab.holding(RECOVERED / "f036.csv", RECOVERED / "f742.csv", RECOVERED / "f364.csv")
-    tab.ask("POST", "say", {"language": "de"})
-    tab.ask("POST", "say", statements)
-    page = tab.ask("GET", "part/understood")[1]
+    tab.ask("POST", "entries", {"language": "de"})
+    tab.ask("POST", "entries", statements)
+    page = tab.ask("GET", "section/understood")[1]
     assert 'role="alert"' in page
     assert 'lang="en"' not in page
 
 
 def test_a_message_without_german_words_is_announced_and_marked_as_english() -> None:
     outcome = {"refused": "something quite new"}
-    page = templates.Templates().show("forecast.html.j2", "de", found=outcome)
+    page = templates.Templates().show("forecast.html.j2", "de", forecast=outcome)
     assert 'nur auf Englisch: <span lang="en">something quite new</span>' in page
 
 
 @pytest.mark.slow
 def test_what_was_dropped_is_understood(tab: Tab) -> None:
     tab.holding(*sorted(RECOVERED.glob("f*.csv")))
-    page = tab.ask("GET", "part/understood")[1]
+    page = tab.ask("GET", "section/understood")[1]
     imported = lb.import_campaign([RECOVERED / "f*.csv"])
     assert all(test.name in page for test in imported.campaign.tests)
     for assumption in imported.assumptions:
         assert assumption.value in page.replace("&#39;", "'")
     assert page.count("<polyline") == 6
     assert (
-        tab.ask("POST", "say", {"bar_U_um": "1,5", "topology": "wXYFZSt", "nonsense": "1"})[0]
+        tab.ask("POST", "entries", {"bar_U_um": "1,5", "topology": "wXYFZSt", "nonsense": "1"})[0]
         == 200
     )
-    page = tab.ask("GET", "part/understood")[1]
+    page = tab.ask("GET", "section/understood")[1]
     assert "± 1.5 µm" in page
     tab.ask(
         "POST",
-        "say",
+        "entries",
         {
             "bar_U_um": "1,5",
             "bar_length_error_um": "-0,8",
@@ -306,10 +306,10 @@ def test_what_was_dropped_is_understood(tab: Tab) -> None:
             "topology": "wXYFZSt",
         },
     )
-    assert "−0.8 ± 1.5 µm" in tab.ask("GET", "part/understood")[1]
+    assert "−0.8 ± 1.5 µm" in tab.ask("GET", "section/understood")[1]
     assert "machine wXYFZSt" in page
-    tab.ask("POST", "say", {"language": "de"})
-    page = tab.ask("GET", "part/understood")[1]
+    tab.ask("POST", "entries", {"language": "de"})
+    page = tab.ask("GET", "section/understood")[1]
     for words in (
         "der Name &#39;f036&#39;",
         "0,24 µm",
@@ -324,16 +324,16 @@ def test_what_cannot_be_is_refused_with_the_cure(
     tab: Tab, statements: dict[str, str], message: str
 ) -> None:
     tab.holding(RECOVERED / "f036.csv", RECOVERED / "f742.csv", RECOVERED / "f364.csv").ask(
-        "POST", "say", statements
+        "POST", "entries", statements
     )
-    page = tab.ask("GET", "part/understood")[1]
+    page = tab.ask("GET", "section/understood")[1]
     assert message in page
     assert 'role="alert"' in page
     name, *_ = statements
     marked = [name]
     if name == "bar_dcc":  # no file to choose
         marked = []
-    assert re.findall(r'id="say-(\w+)"[^>]*aria-invalid', page) == marked
+    assert re.findall(r'id="entry-(\w+)"[^>]*aria-invalid', page) == marked
     assert str(RECOVERED.parent) not in page
 
 
@@ -348,7 +348,7 @@ def test_certificates_are_worth_what_identify_says(house: tuple[Tab, Path], tab:
     assert row["share"] == pytest.approx(
         asked["bar ± 1 µm"]["E_XX1"] / asked["none of these"]["E_XX1"], abs=1e-3
     )
-    assert f"→ {row['after']} µm/m" in tab.ask("GET", "part/worth")[1]
+    assert f"→ {row['after']} µm/m" in tab.ask("GET", "section/worth")[1]
 
 
 def balls_shown(instrument: lb.Instrument) -> list[str]:
@@ -480,7 +480,7 @@ def test_the_forces_of_a_plan_are_said_to_be_in_the_order_of_the_circles(
     fitted: Path, language: str, words: str
 ) -> None:
     expected = planning.forecast(fitted, {"circles": 2, "levels": 2})
-    section = templates.Templates().show("forecast.html.j2", language, found=expected)
+    section = templates.Templates().show("forecast.html.j2", language, forecast=expected)
     first, second = (test["force"] for test in expected["tests"])
     assert {first, second} == {"36", "742"}
     assert f"{words}{first}, {second} N</p>" in section
@@ -576,7 +576,7 @@ def test_no_table_of_what_to_expect_is_wider_than_a_screen() -> None:
     row = {"before": "0.48", "unit": "µrad/(N m)"}
     today = [row | {"name": f"C_{k}"} for k in range(31)]
     outcome = {"effects": {}, "contradicted": [], "today": today}
-    page = templates.Templates().show("worth.html.j2", "en", found=outcome)
+    page = templates.Templates().show("worth.html.j2", "en", worth=outcome)
     columns = [table.count("<th ") for table in page.split("<table")[1:]]
     assert columns == [15, 15, 1]
     assert page.count("<td ") == 31
@@ -710,8 +710,8 @@ def test_both_languages_say_the_same_things() -> None:
         ("GET", "result/job.json", {}, 404),
         ("GET", "result/..%2fjob.json", {}, 404),
         ("GET", "result/%2e%2e/job.json", {}, 404),
-        ("GET", "part/page", {}, 404),
-        ("POST", "say", {"Content_Length": str(2**30)}, 413),
+        ("GET", "section/page", {}, 404),
+        ("POST", "entries", {"Content_Length": str(2**30)}, 413),
         ("PUT", "files/large.csv", {"Content_Length": str(2**30)}, 413),
     ],
 )
@@ -779,8 +779,8 @@ def test_what_is_too_large_is_refused_and_nothing_is_kept(tab: Tab) -> None:
             == 413
         )
     assert tab.state()["files"] == 0
-    assert tab.ask("POST", "say", "x" * 2**18)[0] == 422
-    assert tab.ask("POST", "say", b"[1]")[0] == 422
+    assert tab.ask("POST", "entries", "x" * 2**18)[0] == 422
+    assert tab.ask("POST", "entries", b"[1]")[0] == 422
     assert tab.ask("POST", "plan", b"{" * 100_000)[0] == 422
 
 
@@ -794,17 +794,17 @@ def test_what_is_on_its_way_is_not_read(tab: Tab) -> None:
         link.putheader("Origin", f"http://127.0.0.1:{tab.port}")
         link.endheaders(content[:5000])
         time.sleep(0.3)
-        page = tab.ask("GET", "part/understood")[1]
+        page = tab.ask("GET", "section/understood")[1]
         link.send(content[5000:])
         assert link.getresponse().status == 200
     assert "3 circles" in page
-    assert "4 circles" in tab.ask("GET", "part/understood")[1]
+    assert "4 circles" in tab.ask("GET", "section/understood")[1]
 
 
 def test_forces_are_given_in_the_order_that_is_shown(house: tuple[Tab, Path], tab: Tab) -> None:
     for name in ("10.csv", "2.csv", "1.txt", "bare"):
         tab.ask("PUT", f"files/{name}", (RECOVERED / "f036.csv").read_bytes())
-    listed = re.findall(r'data-remove="([^*"]+)"', tab.ask("GET", "part/files")[1])
+    listed = re.findall(r'data-remove="([^*"]+)"', tab.ask("GET", "section/files")[1])
     understood = worker.answer(
         understanding.understand,
         str(house[1] / tab.base.split("/")[-2]),
@@ -819,9 +819,9 @@ def test_what_holds_no_table_is_left_out(tab: Tab) -> None:
     """A scan or a picture among the readings stops nothing; alone it is refused."""
     for name, start in (("scan.pdf", b"%PDF-1.7\n\xe2\xe3"), ("photo.jpg", b"\xff\xd8\xff\xe0")):
         tab.ask("PUT", f"files/{name}", start + bytes(range(256)))
-        page = tab.ask("GET", "part/understood")[1]
+        page = tab.ask("GET", "section/understood")[1]
         assert "what the file is" in page or name == "photo.jpg", page
-    page = tab.holding(*RECOVERED.glob("f*.csv")).ask("GET", "part/understood")[1]
+    page = tab.holding(*RECOVERED.glob("f*.csv")).ask("GET", "section/understood")[1]
     assert "6 circles" in page
     assert "it holds no table" in page
 
@@ -838,15 +838,15 @@ def test_two_names_do_not_become_one(tab: Tab) -> None:
 def test_what_no_longer_applies_is_forgotten(tab: Tab) -> None:
     tab.ask("PUT", "files/bar.xml", b"<a/>")
     tab.holding(RECOVERED / "f036.csv")
-    assert "Certificates not used: bar.xml" in tab.ask("GET", "part/understood")[1]
+    assert "Certificates not used: bar.xml" in tab.ask("GET", "section/understood")[1]
     edition = tab.state()["edition"]
     for _ in range(2):
-        tab.ask("POST", "say", {"bar_dcc": "bar.xml", "radius_mm": "150", "operator": "A"})
+        tab.ask("POST", "entries", {"bar_dcc": "bar.xml", "radius_mm": "150", "operator": "A"})
     assert tab.state()["edition"] == edition + 1  # what was said again changes nothing
     tab.ask("DELETE", "files/bar.xml")
-    assert 'role="alert"' not in tab.ask("GET", "part/understood")[1]
+    assert 'role="alert"' not in tab.ask("GET", "section/understood")[1]
     tab.holding(RECOVERED / "campaign.toml", *RECOVERED.glob("f*.csv"))
-    page = tab.ask("GET", "part/understood")[1]
+    page = tab.ask("GET", "section/understood")[1]
     assert 'role="alert"' not in page
     assert 'value="A"' in page
 
@@ -884,12 +884,12 @@ def test_a_bomb_is_refused(tab: Tab) -> None:
         archive.writestr("xl/worksheets/sheet1.xml", b"0" * (300 * 2**20))
     assert len(packed.getvalue()) < 2**20
     assert tab.ask("PUT", "files/bomb.xlsx", packed.getvalue())[0] == 200
-    page = tab.ask("GET", "part/understood")[1]
+    page = tab.ask("GET", "section/understood")[1]
     assert "bomb.xlsx" in page
     assert 'role="alert"' in page
     tab.ask("DELETE", "files/bomb.xlsx")
     tab.ask("PUT", "files/campaign.zip", packed.getvalue())
-    assert "campaign.zip must be unpacked" in tab.ask("GET", "part/understood")[1]
+    assert "campaign.zip must be unpacked" in tab.ask("GET", "section/understood")[1]
 
 
 def test_no_text_becomes_code(tab: Tab) -> None:
@@ -897,12 +897,12 @@ def test_no_text_becomes_code(tab: Tab) -> None:
     head = f"# Machine: {script}\n# Operator: {script}\nangle_deg;reading_um;test\n"
     rows = "".join(f"{k};{k % 7};{script.replace(';', '')}\n" for k in range(360))
     tab.ask("PUT", "files/x.csv", (head + rows).encode())
-    tab.ask("POST", "say", {"forces_N": "100"})
-    pages = [tab.ask("GET", f"part/{name}")[1] for name in ("files", "understood")]
+    tab.ask("POST", "entries", {"forces_N": "100"})
+    pages = [tab.ask("GET", f"section/{name}")[1] for name in ("files", "understood")]
     for name, field in fields.FIELDS.items():
         if field.kind != "choice":
-            tab.ask("POST", "say", {name: script})
-            pages += [tab.ask("GET", "part/understood")[1]]
+            tab.ask("POST", "entries", {name: script})
+            pages += [tab.ask("GET", "section/understood")[1]]
     pages += [
         tab.ask("POST", "plan", {"circles": script, "directions": script})[1],
         tab.ask("GET", "")[1],
@@ -922,7 +922,7 @@ def test_two_hundred_at_once_are_answered(tab: Tab) -> None:
         return Tab(tab.port, tab.base).ask("GET", path)
 
     with ThreadPoolExecutor(200) as pool:
-        answers = [*pool.map(ask, ["state", "", "part/files", "part/understood"] * 50)]
+        answers = [*pool.map(ask, ["state", "", "section/files", "section/understood"] * 50)]
     assert {status for status, _ in answers} == {200}
     assert sum("f742" in text for _, text in answers) >= 50
     assert tab.state()["files"] == 7
@@ -932,7 +932,7 @@ def test_two_hundred_at_once_are_answered(tab: Tab) -> None:
 def test_sessions_do_not_meet_and_end_with_their_tabs(house: tuple[Tab, Path], tab: Tab) -> None:
     other = house[0].opened().holding(RECOVERED / "f036.csv")
     assert (tab.state()["files"], other.state()["files"]) == (0, 1)
-    assert "f036" not in tab.ask("GET", "part/files")[1]
+    assert "f036" not in tab.ask("GET", "section/files")[1]
     folder = house[1] / other.base.split("/")[-2]
     other.ask("GET", "state?tab=2")
     other.ask("POST", "leave?tab=2")
@@ -951,15 +951,15 @@ def test_sessions_do_not_meet_and_end_with_their_tabs(house: tuple[Tab, Path], t
 @pytest.mark.slow
 def test_a_killed_worker_loses_nothing(house: tuple[Tab, Path], tab: Tab) -> None:
     tab.ask("POST", "example")
-    assert "f742" in tab.ask("GET", "part/understood")[1]
+    assert "f742" in tab.ask("GET", "section/understood")[1]
     for process in processes("multiprocessing.spawn"):
         os.kill(process, signal.SIGKILL)
-    assert "f742" in tab.ask("GET", "part/understood")[1]
+    assert "f742" in tab.ask("GET", "section/understood")[1]
     tab.ask("POST", "fit")
     (fit,) = until(lambda: processes("ldbb_bayes.app.worker"))
     os.kill(fit, signal.SIGKILL)
     until(lambda: not tab.state()["running"])
-    assert "Nothing was lost" in tab.ask("GET", "part/fit")[1]
+    assert "Nothing was lost" in tab.ask("GET", "section/fit")[1]
     tab.ask("POST", "fit")
     until(lambda: processes("ldbb_bayes.app.worker"))
     assert [
@@ -1032,7 +1032,7 @@ def test_a_goal_that_cannot_be_read_is_refused_before_the_search(
     with_fit(house, tab, fitted)
     answer = json.loads(tab.ask("POST", "search", {"goal_C_XXX": "5"})[1])
     assert answer["wrong"] == "goal_C_XXX"
-    assert "must be a number with its unit" in tab.ask("GET", "part/cheapest")[1]
+    assert "must be a number with its unit" in tab.ask("GET", "section/cheapest")[1]
     assert not tab.state()["searching"]
 
 
@@ -1043,7 +1043,7 @@ def test_a_goal_that_no_circles_reach_is_explained_on_the_page(
     with_fit(house, tab, fitted)
     tab.ask("POST", "search", {"goal_E_XX1": "1e-6 ppm"})
     until(lambda: not tab.state()["searching"])
-    assert "no number of circles brings U below" in tab.ask("GET", "part/cheapest")[1]
+    assert "no number of circles brings U below" in tab.ask("GET", "section/cheapest")[1]
     assert tab.ask("GET", "result/cheapest-1.zip")[0] == 404
 
 
@@ -1066,7 +1066,7 @@ def test_a_search_that_is_stopped_ends_its_process(
     until(lambda: processes("ldbb_bayes.app.worker"))
     tab.ask("POST", "stop")
     until(lambda: not processes("ldbb_bayes.app.worker"), 10)
-    assert "Stopped." in tab.ask("GET", "part/cheapest")[1]
+    assert "Stopped." in tab.ask("GET", "section/cheapest")[1]
 
 
 def test_a_search_of_another_page_waits_for_its_turn(
@@ -1179,7 +1179,7 @@ def test_the_sheets_are_those_of_the_command(tab: Tab, invoke: Invoke, tmp_path:
     for path in RECOVERED.glob("f*.csv"):
         (folder / path.name).write_bytes(path.read_bytes())
     tab.holding(*sorted(folder.glob("*.csv")))
-    tab.ask("POST", "say", {"bar_U_um": "2", "balls": "G20", "tolerance": "G=40 µm"})
+    tab.ask("POST", "entries", {"bar_U_um": "2", "balls": "G20", "tolerance": "G=40 µm"})
     tab.ask("POST", "fit")
     until(lambda: not tab.state()["running"], 180)
     options = (

@@ -82,7 +82,7 @@ def check_accessible(page: Any, browser: Any) -> None:
         other = context.new_page()
         other.goto(page.url)
         other.wait_for_selector("#sliders")
-        other.wait_for_selector("#worth-part table")
+        other.wait_for_selector("#worth-section table")
         other.add_script_tag(path=str(AXE))
         violations = other.evaluate("() => axe.run(document, {iframes: false})")["violations"]
         assert violations == []
@@ -92,7 +92,7 @@ def check_accessible(page: Any, browser: Any) -> None:
 
 def test_example_from_drop_to_pdf(page: Any, browser: Any, tmp_path: Path) -> None:
     page.click("#example")
-    page.wait_for_selector("#worth-part table")
+    page.wait_for_selector("#worth-section table")
     page.click("#start")
     page.wait_for_selector("#bar")
     page.reload()  # in mid-fit
@@ -131,7 +131,7 @@ def test_example_from_drop_to_pdf(page: Any, browser: Any, tmp_path: Path) -> No
     page.select_option("#language", "de")
     page.wait_for_selector("h1:has-text('Kreisformtest')")
     page.wait_for_selector("#sliders")
-    assert "Keine Zahl von Kreisen bringt U unter" in page.inner_text("#cheapest-part")
+    assert "Keine Zahl von Kreisen bringt U unter" in page.inner_text("#cheapest-section")
 
 
 def check_sliders(page: Any) -> None:
@@ -164,7 +164,7 @@ def check_cheapest_campaign(page: Any) -> None:
     page.wait_for_selector("#plan-goal_C_XXX[aria-invalid][aria-describedby='why-goal_C_XXX']")
     page.focus("#search")
     page.keyboard.press("Enter")
-    page.wait_for_selector("#cheapest-part [role=alert]:focus")
+    page.wait_for_selector("#cheapest-section [role=alert]:focus")
     assert page.locator("#plan-goal_C_XXX[aria-invalid]").count() == 1
     page.focus("#plan-goal_C_XXX")
     page.keyboard.type(" %")
@@ -176,12 +176,12 @@ def check_cheapest_campaign(page: Any) -> None:
     assert page.locator("#plan-goal_C_XXX[aria-invalid]").count() == 0
     page.focus("#stop")
     page.keyboard.press("Enter")
-    page.wait_for_selector("#cheapest-part :text('Stopped.')")
+    page.wait_for_selector("#cheapest-section :text('Stopped.')")
     page.keyboard.press("Enter")  # the button for the search has the focus again
-    page.wait_for_selector("#cheapest-found", timeout=LONG_MS)
-    found = page.inner_text("#cheapest-part")
+    page.wait_for_selector("#cheapest-campaigns", timeout=LONG_MS)
+    found = page.inner_text("#cheapest-section")
     assert "C_XXX: no number of circles brings U below" in found
-    assert page.locator("#cheapest-part details").count() == 3
+    assert page.locator("#cheapest-section details").count() == 3
     with page.expect_download() as loading:
         page.click("a[href='result/cheapest-1.zip']")
     with zipfile.ZipFile(loading.value.path()) as archive:
@@ -197,21 +197,21 @@ def test_a_broken_workbook_is_answered_where_it_is(page: Any, tmp_path: Path) ->
     broken = tmp_path / "broken.xlsx"
     broken.write_bytes(b"PK\x03\x04 no workbook")
     page.set_input_files("#chosen", broken)
-    alert = page.locator("#understood-part [role=alert]")
+    alert = page.locator("#understood-section [role=alert]")
     alert.wait_for()
     assert "broken.xlsx" in alert.inner_text()
     assert page.evaluate("document.activeElement.getAttribute('role')") == "alert"
     page.click("[data-remove='broken.xlsx']")
     page.set_input_files("#chosen", CIRCLES)
-    page.wait_for_selector("#understood-part table")
-    page.fill("#say-bar_U_um", "wide")
+    page.wait_for_selector("#understood-section table")
+    page.fill("#entry-bar_U_um", "wide")
     page.keyboard.press("Enter")
     alert.wait_for()
     assert "--bar-U-um must be a number" in alert.inner_text()
-    page.fill("#say-bar_U_um", "1.5")  # and not applied
+    page.fill("#entry-bar_U_um", "1.5")  # and not applied
     page.reload()
-    page.wait_for_selector("#understood-part dl:has-text('± 1.5 µm (stated)')")
-    assert page.input_value("#say-bar_U_um") == "1.5"
+    page.wait_for_selector("#understood-section dl:has-text('± 1.5 µm (stated)')")
+    assert page.input_value("#entry-bar_U_um") == "1.5"
 
 
 def test_files_chosen_while_the_page_redraws_arrive(page: Any) -> None:
@@ -219,7 +219,7 @@ def test_files_chosen_while_the_page_redraws_arrive(page: Any) -> None:
         page.click("#chosen")
     page.evaluate("show('files')")
     opening.value.set_files(CIRCLES)
-    page.wait_for_selector("#understood-part table")
+    page.wait_for_selector("#understood-section table")
 
 
 def test_cancel_and_two_sessions_at_once(page: Any, browser: Any, address: str) -> None:
@@ -227,19 +227,19 @@ def test_cancel_and_two_sessions_at_once(page: Any, browser: Any, address: str) 
     other = context.new_page()
     other.goto(address)
     other.set_input_files("#chosen", CIRCLES[:3])
-    other.wait_for_selector("#understood-part table")
+    other.wait_for_selector("#understood-section table")
     page.click("#example")
-    page.wait_for_selector("#worth-part table")
-    page.fill("#say-bar_U_um", "1")  # and not applied: the fit does so
+    page.wait_for_selector("#worth-section table")
+    page.fill("#entry-bar_U_um", "1")  # and not applied: the fit does so
     page.click("#start")
-    page.wait_for_selector("#understood-part dl:has-text('± 1.0 µm (stated)')")
+    page.wait_for_selector("#understood-section dl:has-text('± 1.0 µm (stated)')")
     other.click("#start")
     other.wait_for_selector("#step:has-text('waits for another fit')")
     page.click("#cancel")
     page.wait_for_selector("text=Cancelled. Nothing was lost")
     other.wait_for_selector("#sliders", timeout=LONG_MS)
     assert page.locator("#sliders").count() == 0
-    assert other.locator("#files-part li").count() == 3
+    assert other.locator("#files-section li").count() == 3
     folder = re.search(r"/s/([\w-]+)/", other.url)
     assert folder is not None
     context.close()
@@ -259,12 +259,12 @@ def test_everything_by_keyboard(page: Any) -> None:
     reach("#chosen")
     reach("#example")
     page.keyboard.press("Enter")
-    page.wait_for_selector("#worth-part table")
-    reach("#say-bar_U_um")
+    page.wait_for_selector("#worth-section table")
+    reach("#entry-bar_U_um")
     page.keyboard.type("1")
     page.keyboard.press("Enter")
-    page.wait_for_selector("#understood-part dl:has-text('± 1.0 µm (stated)')")
-    page.wait_for_selector("#worth-part table")
+    page.wait_for_selector("#understood-section dl:has-text('± 1.0 µm (stated)')")
+    page.wait_for_selector("#worth-section table")
     reach("#start")
     page.keyboard.press("Enter")
     page.wait_for_selector("#sliders", timeout=LONG_MS)

@@ -207,7 +207,7 @@ def test_what_circles_cost_is_asked_once(fitted: Path) -> None:
         search_entries={},
         search=SimpleNamespace(outcome={}, running=False),
     )
-    page = Templates().show("plan.html.j2", "en", session=session, found=outcome, passages=())
+    page = Templates().show("plan.html.j2", "en", session=session, forecast=outcome, passages=())
     names = re.findall(r'<(?:input|select)[^>]* name="(\w+)"', page)
     for name in COST_OPTIONS:
         assert names.count(name) == 1, name

@@ -29,21 +29,21 @@ async function ask(method, path, body, kind) {
 // What a refusal says, whatever came of it.
 const reason = async (answer) => (await answer.json().catch(() => ({}))).refused ?? words.gone;
 
-const say = (path, record) => ask("POST", path, JSON.stringify(record ?? {}), "application/json");
+const post = (path, record) => ask("POST", path, JSON.stringify(record ?? {}), "application/json");
 
 // Puts a step in its place; the element that has the focus keeps it where it is there again.
 async function show(name) {
-  const place = at(`${name}-part`), focused = document.activeElement?.id;
-  const opened = [...place.querySelectorAll("details[open] > summary")].map((own) => own.textContent);
+  const place = at(`${name}-section`), focused = document.activeElement?.id;
+  const opened = [...place.querySelectorAll("details[open] > summary")].map((summary) => summary.textContent);
   place.classList.add("busy");
   place.inert = true;  // what would be typed now would be lost
   try {
-    const answer = await ask("GET", `part/${name}`);
+    const answer = await ask("GET", `section/${name}`);
     if (answer.ok) {
       const text = await answer.text(), chooser = place.querySelector("input[type=file]");
       place.innerHTML = text;
       if (chooser) at(chooser.id).replaceWith(chooser);  // files chosen while this is drawn anew must arrive
-      for (const own of place.querySelectorAll("summary")) own.parentElement.open ||= opened.includes(own.textContent);
+      for (const summary of place.querySelectorAll("summary")) summary.parentElement.open ||= opened.includes(summary.textContent);
     } else tell(await reason(answer));
   } finally {
     place.classList.remove("busy");
@@ -58,9 +58,9 @@ async function show(name) {
 }
 
 function placeEffects() {
-  for (const own of at("worth-part").querySelectorAll("template")) {
-    const place = document.querySelector(`.effect[data-part="${own.dataset.effect}"]`);
-    if (place) place.textContent = own.content.textContent;
+  for (const effect of at("worth-section").querySelectorAll("template")) {
+    const place = document.querySelector(`.effect[data-part="${effect.dataset.effect}"]`);
+    if (place) place.textContent = effect.content.textContent;
   }
 }
 
@@ -92,37 +92,37 @@ async function lookOnce() {
 }
 
 async function drawChanges() {
-  const found = await (await ask("GET", `state?${tab}`)).json(), before = state;
-  state = found;
-  const changed = found.edition !== before.edition, finished = before.running && !found.running;
+  const before = state;
+  state = await (await ask("GET", `state?${tab}`)).json();
+  const changed = state.edition !== before.edition, finished = before.running && !state.running;
   if (changed) await show("files");
-  if (changed || found.running !== before.running) await show("fit");
-  if (found.running) drawProgress("bar", "step", found.progress);
+  if (changed || state.running !== before.running) await show("fit");
+  if (state.running) drawProgress("bar", "step", state.progress);
   if (finished || changed) await show("sheets");
-  if (finished || found.fitted !== before.fitted) await show("plan");
-  else if (found.searching !== before.searching) await showSearch();
-  if (found.searching) drawProgress("search-bar", "search-step", found.search_progress);
+  if (finished || state.fitted !== before.fitted) await show("plan");
+  else if (state.searching !== before.searching) await showSearch();
+  if (state.searching) drawProgress("search-bar", "search-step", state.search_progress);
   if (finished) {
-    tell(found.outcome.state ? words.ready : "");
-    if (document.activeElement === document.body) (at("fit-part").querySelector("[role=alert]") ?? at("start"))?.focus();
+    tell(state.outcome.state ? words.ready : "");
+    if (document.activeElement === document.body) (at("fit-section").querySelector("[role=alert]") ?? at("start"))?.focus();
   }
   if (changed) understanding = understanding.then(understand, understand);
 }
 
-// What was typed into the form is said before anything is fitted or drawn anew.
-async function said() {
+// What was typed into the form is sent before anything is fitted or drawn anew.
+async function sendEntries() {
   const form = at("form");
   if (!typed || !form) return;
   typed = false;
-  await say("say", Object.fromEntries(new FormData(form)));
+  await post("entries", Object.fromEntries(new FormData(form)));
 }
 
 async function understand() {
-  at("worth-part").innerHTML = "";
-  if (!state.files) { blocked = false; at("understood-part").innerHTML = ""; return; }
+  at("worth-section").innerHTML = "";
+  if (!state.files) { blocked = false; at("understood-section").innerHTML = ""; return; }
   tell(words.working);
   await show("understood");
-  const refused = at("understood-part").querySelector("[role=alert]");
+  const refused = at("understood-section").querySelector("[role=alert]");
   blocked = Boolean(refused);
   if (at("start")) at("start").disabled = blocked;
   if (refused) refused.focus();
@@ -137,29 +137,29 @@ function lockSearch() {
 
 // A search has begun or ended; what it says takes the focus where its own button had it.
 async function showSearch() {
-  if (!at("cheapest-part")) return;
+  if (!at("cheapest-section")) return;
   await show("cheapest");
   tell(state.searching ? words.working : words.ready);
   if (document.activeElement !== document.body) return;
-  const place = at("cheapest-part");
-  (place.querySelector("[role=alert]") ?? at("cheapest-found") ?? at("stop") ?? at("search"))?.focus();
+  const place = at("cheapest-section");
+  (place.querySelector("[role=alert]") ?? at("cheapest-campaigns") ?? at("stop") ?? at("search"))?.focus();
 }
 
 // What was typed as goals and costs; of the sliders, what circles cost, and whether the tests already run count.
 async function search() {
   const asked = Object.fromEntries(new FormData(at("costs")));
-  for (const own of at("sliders").elements) if (own.name.startsWith("goal_") || "cost" in own.dataset) asked[own.name] = own.value;
+  for (const field of at("sliders").elements) if (field.name.startsWith("goal_") || "cost" in field.dataset) asked[field.name] = field.value;
   asked.augment = at("plan-augment").checked;
-  for (const own of document.querySelectorAll(".goals [aria-invalid]")) {
-    own.removeAttribute("aria-invalid");
-    own.removeAttribute("aria-describedby");
+  for (const field of document.querySelectorAll(".goals [aria-invalid]")) {
+    field.removeAttribute("aria-invalid");
+    field.removeAttribute("aria-describedby");
   }
   markGoals();
   tell(words.working);
-  const answer = await say("search", asked);
+  const answer = await post("search", asked);
   if (!answer.ok) return tell(await reason(answer));
-  const found = await answer.json();
-  if (found.refused) await showRefusedSearch(found.wrong);
+  const outcome = await answer.json();
+  if (outcome.refused) await showRefusedSearch(outcome.wrong);
   else await look();
 }
 
@@ -171,7 +171,7 @@ async function showRefusedSearch(name) {
     wrong.setAttribute("aria-invalid", "true");
     wrong.setAttribute("aria-describedby", "search-why");
   }
-  at("cheapest-part").querySelector("[role=alert]")?.focus();
+  at("cheapest-section").querySelector("[role=alert]")?.focus();
 }
 
 // A goal that cannot be read is marked where it was typed; why stands above the table.
@@ -199,7 +199,7 @@ function drawProgress(name, nameOfStep, progress) {
 
 async function send(files) {
   const refused = [], names = new Set();
-  await said();
+  await sendEntries();
   sending = true;
   try {
     for (const file of files) {
@@ -224,16 +224,16 @@ async function send(files) {
 
 // Files of what was dropped, folders opened.
 async function dropped(items) {
-  const entries = [...items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean), found = [];
-  while (entries.length && found.length < Number(words.mostFiles)) {
-    const own = entries.shift();
-    if (own.isFile) found.push(await new Promise((done, fail) => own.file(done, fail)));
+  const entries = [...items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean), files = [];
+  while (entries.length && files.length < Number(words.mostFiles)) {
+    const entry = entries.shift();
+    if (entry.isFile) files.push(await new Promise((done, fail) => entry.file(done, fail)));
     else {
-      const reader = own.createReader();
-      for (let more = [null]; more.length;) entries.push(...(more = await new Promise((done, fail) => reader.readEntries(done, fail))));
+      const reader = entry.createReader();
+      for (let batch = [null]; batch.length;) entries.push(...(batch = await new Promise((done, fail) => reader.readEntries(done, fail))));
     }
   }
-  return found.filter((file) => !file.name.startsWith("."));
+  return files.filter((file) => !file.name.startsWith("."));
 }
 
 // While sliders move the plan is drawn from few states of the machine, from all once they rest; again where they have moved on.
@@ -242,10 +242,10 @@ async function plan(best, fine) {
   chosen = best;
   clearTimeout(resting);
   if (!fine) resting = setTimeout(() => plan(best, true), RESTING_MS);
-  for (const own of form.elements) {
-    if (own.type === "range") asked[own.name] = Number(own.value);
-    else if (own.type === "checkbox") asked[own.name] = own.checked;
-    else if (own.name) asked[own.name] = own.value;
+  for (const field of form.elements) {
+    if (field.type === "range") asked[field.name] = Number(field.value);
+    else if (field.type === "checkbox") asked[field.name] = field.checked;
+    else if (field.name) asked[field.name] = field.value;
   }
   wanted = asked;
   drawing ??= drawPlan().finally(() => { drawing = null; });
@@ -258,12 +258,12 @@ async function drawPlan() {
   place.inert = true;  // its links are of the plan before
   try {
     while (wanted) {
-      const own = wanted;
+      const asked = wanted;
       wanted = null;
-      const answer = await say("plan", own);
+      const answer = await post("plan", asked);
       place.innerHTML = await answer.text();
       markGoals();
-      if (own.fine) tell(at("time")?.textContent ?? "");
+      if (asked.fine) tell(at("time")?.textContent ?? "");
     }
   } finally {
     place.inert = false;
@@ -272,37 +272,37 @@ async function drawPlan() {
 }
 
 document.addEventListener("click", async (event) => {
-  const own = event.target.closest("button, a[data-field]");
-  if (!own) return;
-  if (own.dataset.field) {
+  const control = event.target.closest("button, a[data-field]");
+  if (!control) return;
+  if (control.dataset.field) {
     event.preventDefault();
-    const field = at(`say-${own.dataset.field}`);
+    const field = at(`entry-${control.dataset.field}`);
     field.closest("details").open = true;
     field.scrollIntoView({ block: "center" });
     field.focus();
-  } else if (own.dataset.remove) {
-    await said();
-    await ask("DELETE", `files/${encodeURIComponent(own.dataset.remove)}`);
+  } else if (control.dataset.remove) {
+    await sendEntries();
+    await ask("DELETE", `files/${encodeURIComponent(control.dataset.remove)}`);
     await look();
     at("chosen").focus();
-  } else if (own.id === "example" || own.id === "cancel" || own.id === "start") {
-    if (own.id === "start") await said();
+  } else if (control.id === "example" || control.id === "cancel" || control.id === "start") {
+    if (control.id === "start") await sendEntries();
     tell(words.working);
-    await say({ example: "example", cancel: "cancel", start: "fit" }[own.id]);
+    await post({ example: "example", cancel: "cancel", start: "fit" }[control.id]);
     await look();
-    at({ example: "start", cancel: "start", start: "cancel" }[own.id])?.focus();
-  } else if (own.id === "stop") {
-    await say("stop");
+    at({ example: "start", cancel: "start", start: "cancel" }[control.id])?.focus();
+  } else if (control.id === "stop") {
+    await post("stop");
     await look();
     at("search")?.focus();
-  } else if (own.id === "best") {
-    own.setAttribute("aria-busy", "true");
+  } else if (control.id === "best") {
+    control.setAttribute("aria-busy", "true");
     tell(words.working);
-    own.disabled = true;
+    control.disabled = true;
     await plan(true, true);
-    own.disabled = false;
-    own.focus();
-    own.removeAttribute("aria-busy");
+    control.disabled = false;
+    control.focus();
+    control.removeAttribute("aria-busy");
   }
 });
 
@@ -311,22 +311,22 @@ document.addEventListener("submit", async (event) => {
   if (event.target.id === "costs" && !state.searching) await search();
   if (event.target.id !== "form") return;
   typed = true;
-  await said();
+  await sendEntries();
   await look();
 });
 
 document.addEventListener("input", (event) => {
-  const own = event.target;
-  typed ||= own.form?.id === "form";
-  if (own.form?.id !== "sliders") return;
-  if (own.type === "range") own.nextElementSibling.value = own.value;
+  const field = event.target;
+  typed ||= field.form?.id === "form";
+  if (field.form?.id !== "sliders") return;
+  if (field.type === "range") field.nextElementSibling.value = field.value;
   const low = at("plan-low"), high = at("plan-high");
   if (Number(low.value) > Number(high.value)) {
-    const other = own === low ? high : low;
-    other.value = own.value;
+    const other = field === low ? high : low;
+    other.value = field.value;
     other.nextElementSibling.value = other.value;
   }
-  plan(chosen && own.type === "text", false);  // goals leave the forces as they are
+  plan(chosen && field.type === "text", false);  // goals leave the forces as they are
 });
 
 document.addEventListener("change", async (event) => {
@@ -335,7 +335,7 @@ document.addEventListener("change", async (event) => {
     event.target.value = "";  // so that the same file, corrected, is a change
     await send(files);
   }
-  if (event.target.id === "language") { await said(); await say("say", { language: event.target.value }); location.reload(); }
+  if (event.target.id === "language") { await sendEntries(); await post("entries", { language: event.target.value }); location.reload(); }
 });
 
 for (const kind of ["dragenter", "dragover", "dragleave", "drop"]) {
@@ -350,7 +350,7 @@ for (const kind of ["dragenter", "dragover", "dragleave", "drop"]) {
 // What was typed and not yet applied is there again after a reload.
 addEventListener("pagehide", () => {
   const form = at("form");
-  if (typed && form) navigator.sendBeacon("say", JSON.stringify(Object.fromEntries(new FormData(form))));
+  if (typed && form) navigator.sendBeacon("entries", JSON.stringify(Object.fromEntries(new FormData(form))));
   navigator.sendBeacon(`leave?${tab}`, "{}");
 });
 addEventListener("pageshow", (event) => { if (event.persisted) location.reload(); });
