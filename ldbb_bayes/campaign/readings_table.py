@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from ldbb_bayes.campaign.cell_numbers import strict_numbers
 from ldbb_bayes.campaign.circular_test import PER_TEST, CircularTest
-from ldbb_bayes.campaign.text_table import Row, columns_of, read_strict_table, strict_numbers
+from ldbb_bayes.campaign.text_table import Row, columns_of, read_strict_table
 from ldbb_bayes.errors import InputError, placed, require, suggestion
 from ldbb_bayes.results import Array
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections import Counter
 
+from ldbb_bayes.campaign.cell_numbers import LONGEST_CELL_SHOWN
 from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
-from ldbb_bayes.campaign.text_table import LONGEST_CELL_SHOWN
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.header_units import unit_of
 from ldbb_bayes.reading.role_words import has_role

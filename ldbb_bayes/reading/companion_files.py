@@ -8,7 +8,7 @@ import zipfile
 from pathlib import Path
 
 from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
-from ldbb_bayes.campaign.text_table import ARCHIVE_SIGNATURE
+from ldbb_bayes.campaign.text_decoding import ARCHIVE_SIGNATURE
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.heading import Heading
 from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT

@@ -8,7 +8,7 @@ from contextlib import suppress
 
 import charset_normalizer
 
-from ldbb_bayes.campaign.text_table import BYTE_ORDER_MARKS
+from ldbb_bayes.campaign.text_decoding import BYTE_ORDER_MARKS
 from ldbb_bayes.reading.words import ROLES, WORDS, comparable
 
 __all__ = ["encoding_of"]

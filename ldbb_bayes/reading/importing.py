@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
-from ldbb_bayes.campaign.text_table import EmptyFileError
+from ldbb_bayes.campaign.text_decoding import EmptyFileError
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.assumptions import LIST_SHOWN, AssumptionLog, shown_list
 from ldbb_bayes.reading.campaign_fields import (

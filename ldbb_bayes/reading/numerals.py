@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ldbb_bayes.campaign.text_table import LONGEST_CELL_SHOWN, number_error
+from ldbb_bayes.campaign.cell_numbers import LONGEST_CELL_SHOWN, number_error
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.results import Array
 

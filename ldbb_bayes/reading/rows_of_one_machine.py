@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from datetime import date, timedelta
 
-from ldbb_bayes.campaign.text_table import LONGEST_CELL_SHOWN
+from ldbb_bayes.campaign.cell_numbers import LONGEST_CELL_SHOWN
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.heading import unused_columns
 from ldbb_bayes.reading.lines_above import statements_in

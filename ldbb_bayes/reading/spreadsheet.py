@@ -7,14 +7,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ldbb_bayes.campaign.text_table import (
+from ldbb_bayes.campaign.text_decoding import (
     ARCHIVE_SIGNATURE,
     COMPOUND_SIGNATURE,
-    Row,
     decode_text,
-    rows_of_text,
     table_bytes,
 )
+from ldbb_bayes.campaign.text_table import Row, rows_of_text
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.reading.aligned_headers import with_aligned_headers
 from ldbb_bayes.reading.aligned_units import with_aligned_units

@@ -14,13 +14,8 @@ from typing import Any
 import python_calamine
 
 from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
-from ldbb_bayes.campaign.text_table import (
-    ARCHIVE_SIGNATURE,
-    COMPOUND_SIGNATURE,
-    LARGEST_TABLE,
-    EmptyFileError,
-    Row,
-)
+from ldbb_bayes.campaign.text_decoding import ARCHIVE_SIGNATURE, COMPOUND_SIGNATURE, EmptyFileError
+from ldbb_bayes.campaign.text_table import LARGEST_TABLE, Row
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.reading.cell_units import number_in_cell
 from ldbb_bayes.reading.ods_parts import parts_of_ods
