@@ -25,6 +25,8 @@ __all__ = ["ColumnRoles", "find_columns", "names_circle", "names_runs"]
 # Regular expression for the name of a column that holds one of several runs, such as "Run 1" or
 # "Reading run 1".
 _RUN = re.compile(rf"(?P<name>(?:.*\W)?(?:{WORDS['names']['run']}))\W*(?P<number>\d{{1,3}})")
+# Roles of columns that hold the load of a test.
+_LOADS = ("force", "pressure")
 # If the name of a column shows no role, the unit of the column may show one of these roles.
 _ROLES_BY_UNIT = ("angle", "reading", "force")
 # Regular expression for the header of a column of temperatures.
@@ -89,9 +91,11 @@ def find_columns(
     if not any(headers):
         return _columns_without_header(place, roles, len(headers))
     names = _with_actual_as_reading(_without_other_content(headers, units), units)
+    names_by_role = dict.fromkeys(ROLES, names)
+    names_by_role["reading"] = _without_loads(names, units)
     for role in ROLES:
         if role not in roles.columns:
-            _find_role(place, role, roles, names)
+            _find_role(place, role, roles, names_by_role[role])
     for role in _ROLES_BY_UNIT:
         candidates = units
         if role == "angle":
@@ -139,6 +143,22 @@ def _without_other_content(headers: Sequence[str], units: Sequence[str]) -> list
         if load_in_name(texts[:1]) is not None and unit_of(header).unit in UNITS["reading"]:
             is_temperature = False  # the remark of a circle, as in "36 N temp. 20 °C [um]"
         if partner_of_units(header) or is_temperature:
+            names[column] = ""
+    return names
+
+
+def _without_loads(headers: Sequence[str], units: Sequence[str]) -> list[str]:
+    """Return the headers, with an empty text for each column of forces or pressures.
+
+    A header such as ``Radial force [N]`` could otherwise be taken for the header of a column of
+    readings. A header that states the load of a circle, such as ``36 N``, is kept: its column holds
+    readings. ``units`` holds the unit of each column.
+    """
+    names = list(headers)
+    for column, unit in enumerate(units):
+        header = headers[column]
+        is_load = any(has_role(header, role) and unit in UNITS[role] for role in _LOADS)
+        if is_load and load_in_name([header]) is None:
             names[column] = ""
     return names
 
