@@ -262,10 +262,7 @@ class CircularTest(TestFields):
             yield "have angles, got none. Give angle_deg (or angle_rad)."
             return
         if len(angle) < FEWEST_READINGS:
-            yield (
-                f"have at least {FEWEST_READINGS} readings, got {len(angle)}. Leave the test out"
-                " or record more."
-            )
+            yield _too_few(len(angle), is_planned=reading is None)
         if reading is not None and len(reading) != len(angle):
             yield (
                 f"have one reading per angle, got {len(angle)} angles and {len(reading)} readings."
@@ -407,6 +404,18 @@ class CircularTest(TestFields):
 def _um_of_mm(millimetres: Array) -> Array:
     """Return lengths in µm, given the same lengths in mm."""
     return millimetres * 1e3
+
+
+def _too_few(count: int, *, is_planned: bool) -> str:
+    """Return the message that a test has too few readings or, if it is planned, too few angles."""
+    if is_planned:
+        return (
+            f"have at least {FEWEST_READINGS} angles, got {count}. Give the angles of all readings"
+            " that are planned, such as every 10°."
+        )
+    return (
+        f"have at least {FEWEST_READINGS} readings, got {count}. Leave the test out or record more."
+    )
 
 
 @lru_cache(maxsize=64)

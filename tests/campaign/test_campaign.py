@@ -39,6 +39,7 @@ def test_radians_and_millimetres_are_converted_at_the_edge() -> None:
         ({"angle_rad": ANGLE}, "angle_deg or angle_rad, got both"),
         ({"reading_um": READING[:-1]}, "36 angles and 35 readings"),
         ({"angle_deg": ANGLE[:8], "reading_um": READING[:8]}, "at least 9 readings, got 8"),
+        ({"angle_deg": ANGLE[:8], "reading_um": None}, "at least 9 angles, got 8. Give the angles"),
         (
             {"reading_um": np.where(ANGLE == 30.0, np.nan, READING)},
             "finite reading_um, got nan at reading 4",
