@@ -32,11 +32,6 @@ SENTENCES = [
     " that it leaves likely), so that nothing is needed: C_XXX and E_XX1.",
     "Run 9 circles in 47 min, with balls of grade G10 and bar ± 1 µm certified: price 347.",
     "Run 1 circle in 18 min: price 18.",
-    "C_XXX: no number of circles brings U below 360 % of the value; 60 % of the value is wanted.",
-    "With bar ± 1 µm it would be 120 % of the value, which is not enough. Ask for 45 % of the value"
-    " or more to see which circles come near.",
-    "C_XXX: 40 circles leave U of up to 47 % of the value on nine in ten machines; the goal of 40 %"
-    " of the value is met on 72 % of them.",
     "Run 1 circle in 18 min, with bar ± 1 µm certified: price 168.",
     "Without this limit the cheapest takes 0.3 h: 1 circle, price 18.",
     "Without this limit the cheapest takes 0.3 h: 1 circle, with bar ± 1 µm certified, price 168.",

@@ -394,14 +394,10 @@ def _near_misses(
         campaigns[min(goals, key=lambda goal: shares[goal])] = nearest
     near_misses = {}
     for name, campaign in campaigns.items():
-        likely_share = None
-        if goals[name].is_relative:
-            likely_share = COVERAGE_FACTOR * campaign.stated.likely_relative_u(name)
         near_misses[name] = near_miss_of(
             campaign.family,
             name,
             circles=len(campaign.tests),
-            likely_share=likely_share,
             likely_U=COVERAGE_FACTOR * campaign.stated.likely_u(name),
             probability=shares_of_machines(campaign.stated, goals)[name],
         )

@@ -167,8 +167,7 @@ class GoalDesign(Result):
     obstacles: dict[str, Obstacle]
     #: reasons why goals cannot be reached with 40 circles or fewer, although they could be reached
     #: with very many circles; the keys are the names of the goals' parameters. If each goal alone
-    #: can be reached with 40 circles, but not all goals together, the goal is included that the
-    #: nearest campaign meets on the fewest machines.
+    #: can be reached with 40 circles, but not all goals together, all goals are included.
     near_misses: dict[str, NearMiss]
     #: names of the parameters whose goals cannot be reached, even with the certificates that could
     #: be bought; the plans leave these goals out

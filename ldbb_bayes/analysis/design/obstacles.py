@@ -86,19 +86,10 @@ class NearMiss(Result):
     certificate: str
     #: certificates that the largest campaign tried buys
     bought: tuple[str, ...] = ()
-    #: for a goal in percent: the expanded uncertainty (k = 2) as a fraction of the parameter's
-    #: value is at most this number on 90 % of the possible machines; None for another goal
-    likely_share: float | None = None
 
 
 def near_miss_of(
-    family: CampaignFamily,
-    name: str,
-    *,
-    circles: int,
-    likely_U: float,
-    probability: float,
-    likely_share: float | None = None,
+    family: CampaignFamily, name: str, *, circles: int, likely_U: float, probability: float
 ) -> NearMiss:
     """Return the reason why the largest campaign of a family does not reach a goal.
 
@@ -113,7 +104,7 @@ def near_miss_of(
         and certificates.
     name
         Name of the goal's parameter.
-    circles, likely_U, probability, likely_share
+    circles, likely_U, probability
         Values of the attributes with the same names in the `NearMiss` that is returned.
     """
     floor = dict(zip(family.goals, family.quick.floor().tolist(), strict=True))[name]
@@ -133,7 +124,6 @@ def near_miss_of(
         share=holder.share,
         certificate=certificate,
         bought=tuple(offer.name for offer in family.offers),
-        likely_share=likely_share,
     )
 
 

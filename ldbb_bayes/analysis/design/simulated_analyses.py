@@ -295,15 +295,6 @@ class StatedByMachines:
         """
         return float(np.quantile(self.u[:, self.names.index(name)], LIKELY, method="weibull"))
 
-    def likely_relative_u(self, name: str) -> float:
-        """Return u as a fraction of the parameter's size that nine in ten machines do not exceed.
-
-        ``name`` is the name of the parameter, and the probability is that of `likely_u`.
-        """
-        k = self.names.index(name)
-        relative_u = self.u[:, k] / np.abs(self.beta[:, k])
-        return float(np.quantile(relative_u, LIKELY, method="weibull"))
-
 
 @one_blas_thread
 def stated_by_machines(analyses: SimulatedAnalyses) -> StatedByMachines:

@@ -31,8 +31,6 @@ _ABOVE_FLOOR = 1.25
 # The same for a goal that 40 circles miss. The goal that is suggested exceeds by this factor the U
 # that these circles leave on nine in ten machines at most.
 _ABOVE_LIKELY = 1.05
-# Goals from this percentage of the value on are refused; rounding to two digits may lead to it.
-_ALL_OF_THE_VALUE_PERCENT = 99.5
 
 
 def goal_design_head(result: GoalDesign) -> tuple[str, ...]:
@@ -57,7 +55,7 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
     obstacles = []
     for name, obstacle in result.obstacles.items():
         stated = result.goals[name]
-        factor, unit = _factor_and_unit(stated)
+        factor, unit = display_unit(stated.goal.unit)
         remaining = [obstacle.U_floor, obstacle.U_with_certificate]
         limit, floor, with_certificate = digits_apart(stated.limit_U, remaining, factor)
         obstacles.append(
@@ -71,18 +69,15 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
                 "certificate": obstacle.certificate,
                 "with_certificate": f"{with_certificate} {unit}",
                 "reached": obstacle.reached,
-                "in_reach": _in_reach(stated, _ABOVE_FLOOR * obstacle.U_floor),
+                "in_reach": f"{two_digits(_ABOVE_FLOOR * obstacle.U_floor, factor)} {unit}",
                 "is_near_miss": name in result.near_misses,
             }
         )
     near_misses = []
     for name, near_miss in result.near_misses.items():
         stated = result.goals[name]
-        factor, unit = _factor_and_unit(stated)
-        likely = near_miss.likely_U
-        if stated.goal.share is not None and near_miss.likely_share is not None:
-            likely = stated.limit_U * near_miss.likely_share / stated.goal.share
-        limit, likely_U = digits_apart(stated.limit_U, [likely], factor)
+        factor, unit = display_unit(stated.goal.unit)
+        limit, likely_U = digits_apart(stated.limit_U, [near_miss.likely_U], factor)
         near_misses.append(
             {
                 "name": display_name(name),
@@ -95,7 +90,7 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
                 "is_hysteresis": near_miss.held_by == Hysteresis.__name__,
                 "share": f"{100.0 * near_miss.share:.0f} %",
                 "certificate": near_miss.certificate,
-                "in_reach": _in_reach(stated, _ABOVE_LIKELY * likely),
+                "in_reach": f"{two_digits(_ABOVE_LIKELY * near_miss.likely_U, factor)} {unit}",
             }
         )
     planes: list[str] = []
@@ -105,28 +100,6 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
             planes = list(dict.fromkeys(tests["plane"]))
     reasons = _TEMPLATES.sentences("goal_design_reasons", result, obstacles, near_misses, planes)
     return reasons + notes
-
-
-def _factor_and_unit(stated: StatedGoal) -> tuple[float, str]:
-    """Return the unit in which U is compared with a goal, and the factor to it.
-
-    A goal in percent is of the true value, so that it permits another U on every possible machine.
-    Its U is compared in percent: in the parameter's unit it would seem to be the U of one machine.
-    """
-    if stated.goal.share is None:
-        return display_unit(stated.goal.unit)
-    return 100.0 * stated.goal.share / stated.limit_U, "% of the value"
-
-
-def _in_reach(stated: StatedGoal, U: float) -> str:
-    """Return a goal that can be asked for; empty if it would not be below 100 % of the value.
-
-    ``U`` is the goal in the unit of the parameter, for the present estimate.
-    """
-    factor, unit = _factor_and_unit(stated)
-    if stated.goal.share is not None and U * factor >= _ALL_OF_THE_VALUE_PERCENT:
-        return ""
-    return f"{two_digits(U, factor)} {unit}"
 
 
 def goal_notes(
