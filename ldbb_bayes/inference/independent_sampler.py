@@ -44,7 +44,7 @@ _EXPECTED_INSIDE = 4.0
 # envelope is above the posterior density at nodes that hold ``_SHARE_BELOW_ENVELOPE`` of the
 # posterior probability, but never higher than ``_HIGHEST_ENVELOPE``. A lower envelope accepts more
 # draws, but returns more values of the hyper-parameters several times.
-_SHARE_BELOW_ENVELOPE = 0.95
+_SHARE_BELOW_ENVELOPE = 0.9
 _HIGHEST_ENVELOPE = 2.0
 # The rejection sampler divides by an estimate of the probability that no compliance is negative. An
 # estimate below this number is replaced by this number.
@@ -121,8 +121,8 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
     if not sample.trusted:
         raise TooRoughError(f"Pareto k {sample.pareto_k:.2f}")
     for _ in range(1 + _MOST_REFITS):
-        envelope = _Envelope(sample, _block_size(size), 1.0 if tilted else share_inside)
-        blocks = _propose_blocks(posterior, envelope, size, rng, tilted=tilted)
+        envelope = _Envelope(sample, block=_block_size(size))
+        blocks = _propose_blocks(posterior, envelope, size, rng, share_inside, tilted=tilted)
         draws = _joined(blocks, size)
         effective = _effective_number(draws.free)
         if effective >= _LEAST_EFFECTIVE * size:
@@ -146,10 +146,6 @@ class _Envelope:
     #: proportional to the posterior density divided by the fitted density.
     sample: Integral
     block: int  #: number of draws that are proposed at a time
-    #: posterior probability that no compliance is negative, if the fitted density does not take it
-    #: into account; otherwise one. Where the probability given the hyper-parameters is larger, so
-    #: is the posterior density.
-    share_inside: float
 
     @cached_property
     def _log_height(self) -> float:
@@ -160,7 +156,7 @@ class _Envelope:
         """
         ascending = np.sort(self.sample.weight)
         first_above = np.searchsorted(np.cumsum(ascending), _SHARE_BELOW_ENVELOPE)
-        relative_density = len(ascending) * ascending[first_above] / self.share_inside
+        relative_density = len(ascending) * ascending[first_above]
         return float(np.log(min(relative_density, _HIGHEST_ENVELOPE)))
 
     def propose(self, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -178,12 +174,14 @@ def _propose_blocks(
     envelope: _Envelope,
     size: int,
     rng: np.random.Generator,
+    share_inside: float,
     *,
     tilted: bool,
 ) -> list[_ProposedBlock]:
     """Return blocks of proposed draws, so many that at least ``size`` draws are accepted.
 
-    Raise a `TooRoughError` if almost no draw is accepted. The draws are proposed from ``envelope``.
+    Raise a `TooRoughError` if almost no draw is accepted. The draws are proposed from ``envelope``,
+    and ``share_inside`` is an estimate of the posterior probability that no compliance is negative.
     If ``tilted``, the parameters are drawn from a density that is shifted towards compliances that
     are not negative.
     """
@@ -196,7 +194,7 @@ def _propose_blocks(
         if tilted:
             block = _propose_tilted(posterior, envelope, rng)
         elif posterior.truncated:
-            block = _propose_by_rejection(posterior, envelope, rng)
+            block = _propose_by_rejection(posterior, envelope, share_inside, rng)
         else:
             block = _propose_unrestricted(posterior, envelope, rng)
         blocks.append(block)
@@ -291,7 +289,7 @@ def _propose_unrestricted(
 
 
 def _propose_by_rejection(
-    posterior: HyperPosterior, envelope: _Envelope, rng: np.random.Generator
+    posterior: HyperPosterior, envelope: _Envelope, share_inside: float, rng: np.random.Generator
 ) -> _ProposedBlock:
     """Propose values of the hyper-parameters φ; return the accepted φ with draws of parameters β.
 
@@ -301,15 +299,16 @@ def _propose_by_rejection(
     divided by the density of the proposal, times the share of these β that have no negative
     compliance. If the weight is below one, φ is accepted with a probability equal to the weight. If
     the weight is larger, φ may be accepted several times (`_accept`), each time with another β. One
-    of the β without negative compliance is returned for each accepted φ.
+    of the β without negative compliance is returned for each accepted φ. ``share_inside`` is an
+    estimate of the mean of the share.
     """
-    tries = int(np.ceil(_EXPECTED_INSIDE / envelope.share_inside))
+    tries = int(np.ceil(_EXPECTED_INSIDE / share_inside))
     free, log_envelope = envelope.propose(rng)
     log_evidence, conditional = posterior.given(free)
     log_marginal = posterior.bound.hyper_prior.log_density_of_free(free) + log_evidence
     draws = _draw_standard(conditional, tries, rng)
     with np.errstate(divide="ignore"):
-        log_relative_share = np.log(draws.usable / tries / envelope.share_inside)
+        log_relative_share = np.log(draws.usable / tries / share_inside)
     index = _accept(log_marginal - log_envelope + log_relative_share, rng)
     # A value of φ may be accepted several times. Each time, it is returned with the next usable
     # draw of β; if there is none left, a new draw is made. ``repetition`` is the number of times

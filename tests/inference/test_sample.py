@@ -31,7 +31,7 @@ from ldbb_bayes.inference.independent_sampler import (
 )
 from ldbb_bayes.inference.mcmc import Assessment, Progress, StoppingRule
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, draws_of, fit_of, record_of
-from ldbb_bayes.inference.sample import _further_steps, run_sampler
+from ldbb_bayes.inference.sample import run_sampler
 from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.report.fit_description import describe_fit
@@ -534,17 +534,6 @@ def test_acceptance_of_independent_draws_is_that_of_all_blocks(
     assert len(blocks) == 3
     accepted = sum(block.accepted for block in blocks)
     assert run.acceptance == accepted / sum(block.proposed for block in blocks)
-
-
-@pytest.mark.parametrize(
-    ("reached", "further"),
-    [(0.9, 89), (0.3, 400), (1.2, 400), (np.nan, 400), (0.0, 400)],
-)
-def test_independent_draws_are_added_until_the_effective_size_suffices(
-    reached: float, further: int
-) -> None:
-    """With nine tenths of the size 400 · (1.1 / 0.9 − 1) more; never more than there are."""
-    assert _further_steps(400, reached) == further
 
 
 def test_equal_draws_are_counted() -> None:
