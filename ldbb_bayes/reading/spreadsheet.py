@@ -58,6 +58,8 @@ _MINUS_BEHIND = re.compile(r"(?P<number>\d[\d.,]*[.,]\d+)[-−–]")
 _WEB_PAGE = re.compile(rb"(?:\xef\xbb\xbf)?\s*<(?:!doctype html|html|table|meta)", re.IGNORECASE)
 # Number of bytes at the beginning of a file that are examined for HTML.
 _HEAD_BYTES = 200
+# Ending of old workbooks. Programs of laboratories save tables of text under it, too.
+_OLD_WORKBOOK = ".xls"
 # First bytes of texts in UTF-16, and of files in XML, which is no table of text.
 _MARKS_OF_UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 _XML = (b"<?xml", b"\xef\xbb\xbf<?xml")
@@ -199,8 +201,10 @@ def _is_workbook(path: Path, raw: bytes) -> bool:
     """Return whether a file with the content ``raw`` is a workbook, possibly a damaged one."""
     if raw.startswith((ARCHIVE_SIGNATURE, COMPOUND_SIGNATURE)):
         return True
-    is_text = _WEB_PAGE.match(raw[:_HEAD_BYTES]) is not None or _is_text(raw)
-    return path.suffix.lower() in WORKBOOK_SUFFIXES and not is_text
+    suffix = path.suffix.lower()
+    if _WEB_PAGE.match(raw[:_HEAD_BYTES]) or (suffix == _OLD_WORKBOOK and _is_text(raw)):
+        return False
+    return suffix in WORKBOOK_SUFFIXES
 
 
 def _is_text(raw: bytes) -> bool:
