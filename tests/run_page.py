@@ -1,13 +1,12 @@
 """Run the python and sh blocks of a page in order, in this folder, and compare what they print with
 what the page shows.
 
-A ``text`` block after another, with or without sentences between them, shows what that one prints:
-its lines, in order, an ellipsis for what is left out, numbers to two units of the last digit shown.
-A comment ``<!-- not executed: reason -->`` before a block keeps it from being run.
+A ``text`` block after another shows what that one prints: its lines, in order, an ellipsis for what
+is left out, numbers to two units of the last digit shown. A comment ``<!-- not executed: reason
+-->`` before a block keeps it from being run.
 """
 
 import io
-import os
 import re
 import shlex
 import subprocess
@@ -19,8 +18,7 @@ from pathlib import Path
 from demonstrations import copied_demonstration
 
 BLOCK = re.compile(
-    r"^(<!-- not executed: [^\n]* -->\n+)?```(python|sh)\n(.*?)^```$"
-    r"(?:\n(?:(?!```|<!--|#)[^\n]*\n)*```text\n(.*?)^```$)?",
+    r"^(<!-- not executed: [^\n]* -->\n+)?```(python|sh)\n(.*?)^```$(?:\n+```text\n(.*?)^```$)?",
     re.M | re.S,
 )
 NUMBER = re.compile(r"(?<![\w.])[-−+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?!\w)")
@@ -66,8 +64,7 @@ def missing(expected: str, printed: str) -> str | None:
 
 
 def run_command(page: Path, command: str, demonstration: Path) -> str:
-    """Return what a command of the package prints at a terminal of 80 columns; the run ends where
-    it fails.
+    """Return what a command of the package prints; the run ends where it fails.
 
     The demonstration is taken from where it is kept.
     """
@@ -76,12 +73,7 @@ def run_command(page: Path, command: str, demonstration: Path) -> str:
     words = shlex.split(command, comments=True)[1:]
     arguments = [sys.executable, "-W", "error", "-m", "ldbb_bayes", *words]
     ended = subprocess.run(
-        arguments,
-        env=os.environ | {"COLUMNS": "80"},
-        capture_output=True,
-        text=True,
-        check=False,
-        stdin=subprocess.DEVNULL,
+        arguments, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL
     )
     if ended.returncode != 0:
         sys.exit(f"{page.name}: {command}\n{ended.stderr}")

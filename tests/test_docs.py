@@ -74,17 +74,6 @@ def test_numbers_of_pages_may_differ_in_the_last_digit(
     assert run_page.near(shown, printed) == is_near
 
 
-def test_output_belongs_to_the_block_before_it_across_sentences() -> None:
-    """A quarter of the outputs shown stood behind a sentence, and nobody compared them."""
-    page = "```python\nprint(1)\n```\n\nIt prints:\n\n```text\n1\n```\n"
-    assert [match[3] for match in run_page.BLOCK.findall(page)] == ["1\n"]
-
-
-def test_output_does_not_belong_to_a_block_of_another_section() -> None:
-    page = "```python\nprint(1)\n```\n\n## Next\n\n```text\n2\n```\n"
-    assert [match[3] for match in run_page.BLOCK.findall(page)] == [""]
-
-
 def test_a_block_between_two_that_are_not_executed_is_found() -> None:
     skipped = "<!-- not executed: it takes long -->\n```python\nraise ValueError\n```\n"
     page = skipped + "\n```python\nprint(1)\n```\n\n" + skipped
