@@ -47,8 +47,8 @@ class InputError(ValueError):
     >>> lb.CircularTest(500.0, angle_deg=[0.0, 90.0, 180.0, 270.0])
     Traceback (most recent call last):
         ...
-    ldbb_bayes.errors.InputError: a circular test must have at least 9 readings, got 4. Leave the
-    test out or record more.
+    ldbb_bayes.errors.InputError: a circular test must have at least 9 angles, got 4. Give the
+    angles of all readings that are planned, such as every 10°.
     """
 
     def __init__(self, message: str) -> None:
