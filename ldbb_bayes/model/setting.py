@@ -93,9 +93,9 @@ class Setting:
     travel: Array
     #: time of each test minus the mean time of the campaign [h], shape (tests,). For a plan, the
     #: mean time of the campaign from which it was designed (its pilot) is subtracted. If times are
-    #: missing, they are derived from the order in which the tests are listed (`relative_times_h`
-    #: states the rules). All values are NaN if times are missing and the user has declared that the
-    #: tests were run in random order, or if all tests have the same time.
+    #: missing, they are derived from the order in which the tests are listed, with one test every
+    #: six minutes. All values are NaN if times are missing and the user has declared that the tests
+    #: were run in random order, or if all tests have the same time.
     time_h: Array
     #: temperature of each test minus the mean temperature of the campaign [K], shape (tests,); NaN
     #: if unknown. For a plan, the mean temperature of the campaign from which it was designed (its
