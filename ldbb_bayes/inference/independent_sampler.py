@@ -9,22 +9,28 @@ negative compliance. Free coordinates are φ transformed to be unbounded, mostly
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from ldbb_bayes.inference.conditional_sampling import draw_parameters_given
 from ldbb_bayes.inference.hyper_posterior import HyperPosterior
-from ldbb_bayes.inference.integrals import CHUNK, Index, Integral
+from ldbb_bayes.inference.integrals import Index, Integral
 from ldbb_bayes.model.conditional import ParameterConditional
 from ldbb_bayes.results import Array
 
 __all__ = ["JointDraws", "TooRoughError", "draw_jointly"]
 
-# The rejection sampler proposes draws in blocks of 256, and gives up after a certain number of
-# blocks. The number is ``_MOST_ROUNDS`` if at most 256 draws are requested. If more draws are
-# requested, it is larger in proportion.
-_MOST_ROUNDS = 50
+# The rejection sampler proposes draws in blocks, of a quarter of the number of draws requested, but
+# of at least ``_SMALLEST_BLOCK`` and at most ``_LARGEST_BLOCK`` draws. Larger blocks take less time
+# for each draw, but propose more draws than needed if few are requested.
+_SMALLEST_BLOCK = 256
+_LARGEST_BLOCK = 1024
+# The rejection sampler gives up if it has proposed this many times the number of draws requested
+# (or of the draws of the smallest block, if fewer draws are requested), and too few are accepted.
+_MOST_PROPOSED = 50
 # If the posterior probability that no compliance is negative is below this value, too many draws
 # would be lost by rejecting draws with negative compliances. The parameters are then drawn from a
 # density that is shifted towards compliances that are not negative.
@@ -33,9 +39,13 @@ _SMALLEST_SHARE_INSIDE = 0.02
 # is chosen so that on average at least this many of them have no negative compliance.
 _EXPECTED_INSIDE = 4.0
 # Height of the envelope in rejection sampling. The envelope is the density from which draws are
-# proposed, scaled to the same integral as the posterior density and multiplied by this number. A
-# draw is accepted with a probability equal to the posterior density divided by the envelope.
-_ENVELOPE = 2.0
+# proposed, scaled to the same integral as the posterior density and multiplied by its height. A
+# draw is accepted with a probability equal to the posterior density divided by the envelope. The
+# envelope is above the posterior density at nodes that hold ``_SHARE_BELOW_ENVELOPE`` of the
+# posterior probability, but never higher than ``_HIGHEST_ENVELOPE``. A lower envelope accepts more
+# draws, but returns more values of the hyper-parameters several times.
+_SHARE_BELOW_ENVELOPE = 0.95
+_HIGHEST_ENVELOPE = 2.0
 # The rejection sampler divides by an estimate of the probability that no compliance is negative. An
 # estimate below this number is replaced by this number.
 _LEAST_SHARE = 1e-9
@@ -81,10 +91,11 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
     deviation of the noise; β are compliances, their changes with force, and geometric errors. φ is
     drawn from a proposal, which is a density fitted to the posterior of φ. β is drawn from its
     Gaussian density given φ and the readings. The weight of a draw of φ is the posterior density
-    divided by the proposal. Let r be this weight divided by twice an estimate of the mean weight.
-    If r is below one, the draw is accepted with the probability r. If r exceeds one, the draw of φ
-    may be returned several times, each time with another β. If this happens too often, the proposal
-    is fitted anew.
+    divided by the proposal. Let r be this weight divided by an estimate of the mean weight, and by
+    the height of the envelope (at most two). If r is below one, the draw is accepted with the
+    probability r. If r exceeds one, the draw of φ may be returned several times, each time with
+    another β. Equal φ follow one another, so that their number lowers the effective sample size. If
+    there are too many of them, the proposal is fitted anew.
 
     If compliances must not be negative, several β are drawn for each φ, and the weight is
     multiplied by the share of these β without negative compliances. On average, the share is the
@@ -110,45 +121,88 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
     if not sample.trusted:
         raise TooRoughError(f"Pareto k {sample.pareto_k:.2f}")
     for _ in range(1 + _MOST_REFITS):
-        blocks = _propose_blocks(posterior, sample, size, rng, share_inside, tilted=tilted)
+        envelope = _Envelope(sample, _block_size(size), 1.0 if tilted else share_inside)
+        blocks = _propose_blocks(posterior, envelope, size, rng, tilted=tilted)
         draws = _joined(blocks, size)
         effective = _effective_number(draws.free)
         if effective >= _LEAST_EFFECTIVE * size:
-            return _shuffled(draws, rng)
+            return draws
         points = np.concatenate([block.points for block in blocks])
         log_density = np.concatenate([block.log_density for block in blocks])
         sample = fitted_to.refitted_sample(sample, points, log_density)
     raise TooRoughError(f"effective number {effective:.0f} of {size} draws")
 
 
+def _block_size(size: int) -> int:
+    """Return the number of draws that are proposed at a time if ``size`` draws are requested."""
+    return int(np.clip(size // 4, _SMALLEST_BLOCK, _LARGEST_BLOCK))
+
+
+@dataclass(frozen=True, eq=False)
+class _Envelope:
+    """Envelope of the posterior density, from which the rejection sampler draws its proposals."""
+
+    #: nodes (points) drawn from a density that was fitted to the posterior. Their weights are
+    #: proportional to the posterior density divided by the fitted density.
+    sample: Integral
+    block: int  #: number of draws that are proposed at a time
+    #: posterior probability that no compliance is negative, if the fitted density does not take it
+    #: into account; otherwise one. Where the probability given the hyper-parameters is larger, so
+    #: is the posterior density.
+    share_inside: float
+
+    @cached_property
+    def _log_height(self) -> float:
+        """Log of the height of the envelope.
+
+        The height is relative to the fitted density, scaled to the same integral as the posterior
+        density.
+        """
+        ascending = np.sort(self.sample.weight)
+        first_above = np.searchsorted(np.cumsum(ascending), _SHARE_BELOW_ENVELOPE)
+        relative_density = len(ascending) * ascending[first_above] / self.share_inside
+        return float(np.log(min(relative_density, _HIGHEST_ENVELOPE)))
+
+    def propose(self, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Return proposed draws of h hyper-parameters, and the log of the envelope at each of them.
+
+        The draws, in unbounded coordinates, have the shape (block, h), and the logarithms the shape
+        (block,). ``rng`` generates the random numbers.
+        """
+        free, log_density = self.sample.draw_with_log_density(self.block, rng)
+        return free, log_density + self.sample.log_integral + self._log_height
+
+
 def _propose_blocks(
     posterior: HyperPosterior,
-    sample: Integral,
+    envelope: _Envelope,
     size: int,
     rng: np.random.Generator,
-    share_inside: float,
     *,
     tilted: bool,
 ) -> list[_ProposedBlock]:
-    """Return blocks of 256 proposed draws, so many that at least ``size`` draws are accepted.
+    """Return blocks of proposed draws, so many that at least ``size`` draws are accepted.
 
-    Raise a `TooRoughError` if almost no draw is accepted. The draws are proposed from the density
-    of which ``sample`` is a sample, and ``share_inside`` is an estimate of the posterior
-    probability that no compliance is negative. If ``tilted``, the parameters are drawn from a
-    density that is shifted towards compliances that are not negative.
+    Raise a `TooRoughError` if almost no draw is accepted. The draws are proposed from ``envelope``.
+    If ``tilted``, the parameters are drawn from a density that is shifted towards compliances that
+    are not negative.
     """
     blocks: list[_ProposedBlock] = []
     accepted = 0
-    for _ in range(_MOST_ROUNDS * max(1, -(-size // CHUNK))):
+    proposed = 0
+    while accepted < size:
+        if proposed >= _MOST_PROPOSED * max(size, _SMALLEST_BLOCK):
+            raise TooRoughError(f"{accepted} of {size} draws from {proposed} proposals")
         if tilted:
-            block = _propose_tilted(posterior, sample, rng)
+            block = _propose_tilted(posterior, envelope, rng)
+        elif posterior.truncated:
+            block = _propose_by_rejection(posterior, envelope, rng)
         else:
-            block = _propose_untruncated(posterior, sample, share_inside, rng)
+            block = _propose_unrestricted(posterior, envelope, rng)
         blocks.append(block)
         accepted += len(block.free)
-        if accepted >= size:
-            return blocks
-    raise TooRoughError(f"{accepted} of {size} draws from {CHUNK * len(blocks)} proposals")
+        proposed += len(block.points)
+    return blocks
 
 
 def _joined(blocks: Sequence[_ProposedBlock], size: int) -> JointDraws:
@@ -160,16 +214,8 @@ def _joined(blocks: Sequence[_ProposedBlock], size: int) -> JointDraws:
         free=np.concatenate([block.free for block in blocks])[:size],
         beta=np.concatenate([block.beta for block in blocks])[:size],
         accepted=sum(len(block.free) for block in blocks),
-        proposed=CHUNK * len(blocks),
+        proposed=sum(len(block.points) for block in blocks),
         log_posterior=np.concatenate([block.log_posterior for block in blocks])[:size],
-    )
-
-
-def _shuffled(draws: JointDraws, rng: np.random.Generator) -> JointDraws:
-    """Return the same draws in a random order."""
-    order = rng.permutation(len(draws.free))
-    return draws._replace(
-        free=draws.free[order], beta=draws.beta[order], log_posterior=draws.log_posterior[order]
     )
 
 
@@ -185,7 +231,7 @@ def _effective_number(free: Array) -> float:
 
 
 class _ProposedBlock(NamedTuple):
-    """Block of 256 proposed draws of hyper-parameters φ, and the accepted draws of φ and β."""
+    """Block of proposed draws of hyper-parameters φ, and the accepted draws of φ and β."""
 
     #: draws of h hyper-parameters that the rejection sampler accepted, in unbounded coordinates
     #: (mostly ln(value − lower bound)), shape (accepted, h)
@@ -195,29 +241,27 @@ class _ProposedBlock(NamedTuple):
     beta: Array
     #: log posterior density at every accepted draw, as `JointDensity` defines it, shape (accepted,)
     log_posterior: Array
-    #: all proposed draws of h hyper-parameters in unbounded coordinates, shape (256, h)
+    #: all proposed draws of h hyper-parameters in unbounded coordinates, shape (block, h)
     points: Array
     #: log of the density to which the proposal is fitted, at every proposed draw of the
-    #: hyper-parameters, shape (256,)
+    #: hyper-parameters, shape (block,)
     log_density: Array
 
 
 def _propose_tilted(
-    posterior: HyperPosterior, sample: Integral, rng: np.random.Generator
+    posterior: HyperPosterior, envelope: _Envelope, rng: np.random.Generator
 ) -> _ProposedBlock:
-    """Draw 256 values of the hyper-parameters φ; return the accepted φ with draws of parameters β.
+    """Propose values of the hyper-parameters φ; return the accepted φ with draws of parameters β.
 
-    φ is drawn from the proposal of ``sample`` and accepted with a probability proportional to its
+    φ is drawn from ``envelope`` and accepted with a probability proportional to its
     weight. The weight is the posterior density of φ under the condition that no compliance is
     negative, divided by the density of the proposal. β is drawn given the accepted φ, under the
     same condition, from a density that is shifted (tilted) towards compliances that are not
     negative.
     """
-    log_scale = sample.log_integral + np.log(_ENVELOPE)
-    free = sample.draw(CHUNK, rng)
-    log_weight = -sample.log_proposal(free) - log_scale
+    free, log_envelope = envelope.propose(rng)
     log_density = posterior.log_density(free)
-    accepted = free[_accept(log_weight + log_density, rng)]
+    accepted = free[_accept(log_density - log_envelope, rng)]
     beta = draw_parameters_given(posterior.bound, accepted, rng)
     log_evidence, conditional = posterior.given(accepted)
     log_marginal = posterior.bound.hyper_prior.log_density_of_free(accepted) + log_evidence
@@ -226,49 +270,58 @@ def _propose_tilted(
     return _ProposedBlock(accepted, beta, log_posterior, free, log_density)
 
 
-def _propose_untruncated(
-    posterior: HyperPosterior, sample: Integral, share_inside: float, rng: np.random.Generator
+def _propose_unrestricted(
+    posterior: HyperPosterior, envelope: _Envelope, rng: np.random.Generator
 ) -> _ProposedBlock:
-    """Draw 256 values of the hyper-parameters φ; return the accepted φ with draws of parameters β.
+    """Propose values of the hyper-parameters φ; return the accepted φ with draws of parameters β.
 
-    φ is drawn from the proposal of ``sample``, in coordinates without bounds, such as logarithms of
-    standard deviations. The weight of φ is proportional to its posterior density divided by the
-    density of the proposal. If the weight is below one, φ is accepted with a probability equal to
-    the weight. If the weight is larger, φ may be accepted several times (`_accept`), each time with
-    another β.
-
-    If compliances must not be negative, several β are drawn for each φ, at first without this
-    condition. The weight of φ is then multiplied by the share of these β that have no negative
-    compliance. One of these β is returned for each accepted φ. ``share_inside`` is an estimate of
-    the mean of the share.
+    Compliances may be negative. φ is drawn from ``envelope`` and accepted with a
+    probability proportional to its weight, which is the posterior density of φ divided by the
+    density of the proposal. A φ of large weight may be accepted several times (`_accept`), each
+    time with another β.
     """
-    tries = 1
-    if posterior.truncated:
-        tries = int(np.ceil(_EXPECTED_INSIDE / share_inside))
-    log_scale = sample.log_integral + np.log(_ENVELOPE * share_inside)
-    free = sample.draw(CHUNK, rng)
-    log_weight = -sample.log_proposal(free) - log_scale
+    free, log_envelope = envelope.propose(rng)
     log_evidence, conditional = posterior.given(free)
     log_marginal = posterior.bound.hyper_prior.log_density_of_free(free) + log_evidence
-    log_weight += log_marginal
-    draws = _draw_standard(conditional, tries, rng, truncated=posterior.truncated)
-    with np.errstate(divide="ignore"):
-        index = _accept(log_weight + np.log(draws.usable / tries), rng)
-    # A value of φ may be accepted several times. Each time, it is returned with the next usable
-    # draw of β; if there is none left, a new draw is made. (If negative compliances are allowed, a
-    # new draw is made each time.) ``repetition`` is the number of times that the same φ has been
-    # accepted before. A draw is usable if it has no negative compliance, or if negative compliances
-    # are allowed. ``draws.standard`` holds the draws of β as standard normal coordinates, and
-    # ``draws.usable`` the number of usable draws for each φ. The usable draws come before the other
-    # draws.
-    repetition = np.arange(len(index)) - np.searchsorted(index, index)
-    z = draws.standard[index, np.minimum(repetition, draws.usable[index] - 1)]
-    if not posterior.truncated:
-        z = rng.standard_normal(z.shape)
+    index = _accept(log_marginal - log_envelope, rng)
     accepted = conditional.select(index)
+    beta = accepted.from_standard(rng.standard_normal((len(index), conditional.mean.shape[1])))
+    log_posterior = log_marginal[index] + accepted.log_density(beta)
+    return _ProposedBlock(free[index], beta, log_posterior, free, log_marginal)
+
+
+def _propose_by_rejection(
+    posterior: HyperPosterior, envelope: _Envelope, rng: np.random.Generator
+) -> _ProposedBlock:
+    """Propose values of the hyper-parameters φ; return the accepted φ with draws of parameters β.
+
+    Compliances must not be negative. φ is drawn from ``envelope``, in coordinates
+    without bounds, such as logarithms of standard deviations. For each φ, several β are drawn
+    without regard to negative compliances. The weight of φ is proportional to its posterior density
+    divided by the density of the proposal, times the share of these β that have no negative
+    compliance. If the weight is below one, φ is accepted with a probability equal to the weight. If
+    the weight is larger, φ may be accepted several times (`_accept`), each time with another β. One
+    of the β without negative compliance is returned for each accepted φ.
+    """
+    tries = int(np.ceil(_EXPECTED_INSIDE / envelope.share_inside))
+    free, log_envelope = envelope.propose(rng)
+    log_evidence, conditional = posterior.given(free)
+    log_marginal = posterior.bound.hyper_prior.log_density_of_free(free) + log_evidence
+    draws = _draw_standard(conditional, tries, rng)
+    with np.errstate(divide="ignore"):
+        log_relative_share = np.log(draws.usable / tries / envelope.share_inside)
+    index = _accept(log_marginal - log_envelope + log_relative_share, rng)
+    # A value of φ may be accepted several times. Each time, it is returned with the next usable
+    # draw of β; if there is none left, a new draw is made. ``repetition`` is the number of times
+    # that the same φ has been accepted before. A draw is usable if it has no negative compliance.
+    # ``draws.standard`` holds the draws of β as standard normal coordinates, and ``draws.usable``
+    # the number of usable draws for each φ. The usable draws come before the other draws.
+    repetition = np.arange(len(index)) - np.searchsorted(index, index)
+    accepted = conditional.select(index)
+    z = draws.standard[index, np.minimum(repetition, draws.usable[index] - 1)]
     beta = accepted.from_standard(z)
     is_missing = repetition >= draws.usable[index]
-    if posterior.truncated and is_missing.any():
+    if is_missing.any():
         # Another generator, so that the draws that follow do not depend on the number of new draws.
         beta[is_missing] = draw_parameters_given(
             posterior.bound, free[index[is_missing]], rng.spawn(1)[0]
@@ -300,29 +353,22 @@ class _StandardDraws(NamedTuple):
     #: random draws of p parameters, in coordinates in which they are standard normal, for each of w
     #: values of the hyper-parameters, shape (w, tries, p); usable draws come first
     standard: Array
-    #: number of usable draws for each of w values of the hyper-parameters, shape (w,); if the model
-    #: forbids negative compliances, draws with negative compliances are not usable
+    #: number of usable draws, those without a negative compliance, for each of w values of the
+    #: hyper-parameters, shape (w,)
     usable: Array
 
 
 def _draw_standard(
-    conditional: ParameterConditional,
-    tries: int,
-    rng: np.random.Generator,
-    *,
-    truncated: bool = True,
+    conditional: ParameterConditional, tries: int, rng: np.random.Generator
 ) -> _StandardDraws:
     """Return random draws of the parameters in coordinates in which they are standard normal.
 
     In these coordinates, the Gaussian density of the p parameters given the hyper-parameters is
     N(0, I). ``conditional`` holds the Gaussian densities for w values of the hyper-parameters. For
-    each value, ``tries`` draws are made. If ``truncated`` is True, only draws without a negative
-    compliance are usable; otherwise all draws are usable.
+    each value, ``tries`` draws are made. Only draws without a negative compliance are usable.
     """
     z = rng.standard_normal((len(conditional.mean), tries, conditional.mean.shape[1]))
     rows = conditional.physical.rows
-    if not truncated:
-        rows = rows[:0]
     spread = np.swapaxes(conditional.spread(rows), 1, 2)
     compliance = z @ spread + (conditional.mean @ rows.T)[:, None]
     is_usable = (compliance >= 0.0).all(axis=2)

@@ -97,6 +97,13 @@ class ProposalDensity(Protocol):
         numbers.
         """
 
+    def draw_with_log_density(self, size: int, rng: Random) -> tuple[Array, Array]:
+        """Return ``size`` points drawn at random, and the log proposal density at each of them.
+
+        The points have the shape (size, h), with one dimension for each variable of the integral.
+        The log densities have the shape (size,). ``rng`` generates the random numbers.
+        """
+
 
 @dataclass(frozen=True, eq=False)
 class Integral:
@@ -272,6 +279,15 @@ class Integral:
         ``temperature``. Raise a `TypeError` for a lattice, which has no proposal.
         """
         return self._sample_proposal().draw(size, rng, temperature=temperature)
+
+    def draw_with_log_density(self, size: int, rng: Random) -> tuple[Array, Array]:
+        """Return ``size`` new random points from the proposal, and its log density at each of them.
+
+        The points, shape (size, h), are those of `draw`, and the log densities, shape (size,),
+        those of `log_proposal`. Together they take less time than one after the other. Raise a
+        `TypeError` for a lattice, which has no proposal.
+        """
+        return self._sample_proposal().draw_with_log_density(size, rng)
 
     def log_proposal(self, free: Array) -> Array:
         """Return the log density of a sample's proposal at n points, shape (n,).

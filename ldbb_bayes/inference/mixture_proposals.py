@@ -270,6 +270,15 @@ class Mixture:
         h = len(self.components[0].centre)
         return self.widen(np.sqrt(temperature)).transform(rng.uniform(size=(size, h + 1)))
 
+    def draw_with_log_density(self, size: int, rng: Random) -> tuple[Array, Array]:
+        """Return ``size`` random draws of the mixture, and its log density at each of them.
+
+        The draws have the shape (size, h), and the log densities the shape (size,). ``rng``
+        generates the random numbers.
+        """
+        points = self.draw(size, rng)
+        return points, self.log_density(points)
+
     def widen(self, factor: float) -> Mixture:
         """Return the mixture with the widths of all its components multiplied by a factor."""
         wider = [replace(one, scale=factor * one.scale) for one in self.components]

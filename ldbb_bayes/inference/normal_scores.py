@@ -340,3 +340,14 @@ class _FreeProposal:
         to unbounded coordinates. ``rng`` generates the random numbers.
         """
         return self.coordinates.free(self.of_scores.draw(size, rng, temperature=temperature))
+
+    def draw_with_log_density(self, size: int, rng: Random) -> tuple[Array, Array]:
+        """Return ``size`` random draws of h unbounded coordinates, and their log densities.
+
+        The draws have the shape (size, h), and the log densities the shape (size,). The normal
+        scores (transformed hyper-parameters) from which the draws are computed give both. ``rng``
+        generates the random numbers.
+        """
+        scores, log_density = self.of_scores.draw_with_log_density(size, rng)
+        free, log_jacobian = self.coordinates.free_with_jacobian(scores)
+        return free, log_density - log_jacobian

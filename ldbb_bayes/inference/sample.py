@@ -58,6 +58,9 @@ _SURPLUS = 1.3
 # scatters from parameter to parameter; with the additional draws, every parameter reaches the
 # required size.
 _SURPLUS_DRAWS = 50
+# If the effective sample size is too small, draws are added until it is expected to be this many
+# times the size required.
+_REACHED_AT_LEAST = 1.1
 # If nearly independent draws are picked from a run of emcee, the effective sample size of the run
 # must be at least this many times the number of draws picked.
 _THINNING = 4.0
@@ -348,7 +351,7 @@ def _sample_independently(
     seed: np.random.SeedSequence,
     progress: Callable[[Progress], None] | None,
 ) -> SampledDraws:
-    """Return independent posterior draws; their number is doubled until the stopping rule is met.
+    """Return independent posterior draws; draws are added until the stopping rule is met.
 
     Parameters and hyper-parameters are drawn from the posterior density ``start``, in four chains.
     The stopping rule ``rule`` sets a minimum for the effective sample size and a maximum for R-hat.
@@ -377,7 +380,8 @@ def _sample_independently(
         converged = assessment.meets(rule, walkers=0)
         if progress is not None:
             progress(Progress(steps, steps, rule.ess, assessment))
-        if converged or 2 * steps > rule.max_steps:
+        block = _further_steps(steps, assessment.share(rule, walkers=0))
+        if converged or steps + block > rule.max_steps:
             run = EnsembleRun(
                 chain=free,
                 assessment=assessment,
@@ -388,7 +392,19 @@ def _sample_independently(
             )
             log_posterior = np.concatenate(log_posterior_blocks, axis=1)
             return SampledDraws(run, beta, start.bound.hyper_prior.phi(free), log_posterior)
-        block = steps
+
+
+def _further_steps(steps: int, reached: float) -> int:
+    """Return the number of independent draws to add to a chain, at most as many as it has.
+
+    ``steps`` is the number of draws of the chain, and ``reached`` the effective sample size reached
+    as a fraction of the one required. The number of draws is doubled if enough is reached and only
+    R-hat is too large, or if the fraction is not a number.
+    """
+    if not 0.0 < reached < 1.0:
+        return steps
+    factor = min(_REACHED_AT_LEAST / reached, 2.0)
+    return int(np.ceil((factor - 1.0) * steps))
 
 
 def _sample_jointly(

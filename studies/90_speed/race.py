@@ -135,8 +135,7 @@ def race(campaign: lb.Campaign, size: Size, *, lb_sample: bool) -> dict[str, Any
         for name in names[first:] + names[:first]:
             runner = everyone[name]
             chain, took = clocked(runner.run, repeat + 1)
-            shuffled = "independent" in runner.call
-            values = run_of(chain, took, exact[runner.truncated], shuffled=shuffled)
+            values = run_of(chain, took, exact[runner.truncated])
             for column in COLUMNS:
                 rows[name][column].append(values[column])
             say(
@@ -146,12 +145,12 @@ def race(campaign: lb.Campaign, size: Size, *, lb_sample: bool) -> dict[str, Any
     return summary(everyone, rows)
 
 
-def run_of(chain: Array, took: Clocked, exact: pd.DataFrame, *, shuffled: bool) -> dict[str, float]:
+def run_of(chain: Array, took: Clocked, exact: pd.DataFrame) -> dict[str, float]:
     """One run: effective draws, and the worst mean (in standard errors) and standard deviation
     (relative) of all parameters."""
     mean = exact["mean"].to_numpy()
     sd = exact["sd"].to_numpy()
-    ess = bulk_ess(chain, shuffled=shuffled)
+    ess = bulk_ess(chain)
     draws = chain.reshape(-1, chain.shape[2])
     z = np.abs(draws.mean(axis=0) - mean) / (sd / np.sqrt(ess))
     sd_error = np.abs(draws.std(axis=0) / sd - 1.0)
@@ -193,19 +192,11 @@ def best_nuts(rows: Rows) -> str | None:
     return max(medians, key=medians.__getitem__, default=None)
 
 
-def bulk_ess(chain: Array, *, shuffled: bool) -> Array:
-    """Bulk ESS of every parameter of a chain (chains, draws, d), by ArviZ.
-
-    ArviZ sees only neighbours that are the same. Of ``shuffled`` draws, each of which comes n
-    times, it is taken times N / Σ n².
-    """
+def bulk_ess(chain: Array) -> Array:
+    """Bulk ESS of every parameter of a chain (chains, draws, d), by ArviZ."""
     effective = []
     for j in range(chain.shape[2]):
         column = np.ascontiguousarray(chain[..., j])
-        times = np.ones(column.size)
-        if shuffled:
-            _, counts = np.unique(column, return_counts=True)
-            times = counts.astype(float)
         ess = arviz_stats.base.array_stats.ess(column, chain_axis=0, draw_axis=1, method="bulk")
-        effective.append(float(ess) * column.size / (times @ times))
+        effective.append(float(ess))
     return np.array(effective)

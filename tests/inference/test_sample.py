@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import arviz_stats
+import arviz_stats.base
 import numpy as np
 import pytest
 import xarray as xr
@@ -30,7 +31,7 @@ from ldbb_bayes.inference.independent_sampler import (
 )
 from ldbb_bayes.inference.mcmc import Assessment, Progress, StoppingRule
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, draws_of, fit_of, record_of
-from ldbb_bayes.inference.sample import run_sampler
+from ldbb_bayes.inference.sample import _further_steps, run_sampler
 from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.report.fit_description import describe_fit
@@ -535,6 +536,17 @@ def test_acceptance_of_independent_draws_is_that_of_all_blocks(
     assert run.acceptance == accepted / sum(block.proposed for block in blocks)
 
 
+@pytest.mark.parametrize(
+    ("reached", "further"),
+    [(0.9, 89), (0.3, 400), (1.2, 400), (np.nan, 400), (0.0, 400)],
+)
+def test_independent_draws_are_added_until_the_effective_size_suffices(
+    reached: float, further: int
+) -> None:
+    """With nine tenths of the size 400 · (1.1 / 0.9 − 1) more; never more than there are."""
+    assert _further_steps(400, reached) == further
+
+
 def test_equal_draws_are_counted() -> None:
     """n² / Σ c²: of 1, 2 and 3 equal draws 36 / 14."""
     free = np.repeat(np.arange(6.0).reshape(3, 2), [1, 2, 3], axis=0)
@@ -576,6 +588,34 @@ def test_few_draws_are_returned_twice_and_no_parameters_are(rough: HyperPosterio
     assert len(places) == 40
     points = density.join(draws.beta[places], draws.free[places])
     np.testing.assert_allclose(density(points), draws.log_posterior[places], atol=1e-8)
+
+
+def test_values_that_stand_for_many_draws_lower_the_effective_size(rough: HyperPosterior) -> None:
+    """Equal values of the scales follow one another, so that ArviZ counts them once."""
+    draws = draw_jointly(rough, 3000, np.random.default_rng(1))
+    _, counts = np.unique(draws.free[:, 0], return_counts=True)
+    kish = 3000**2 / np.sum(counts**2)
+    assert kish < 0.8 * 3000
+    column = draws.free[:, 0].reshape(4, -1)
+    ess = arviz_stats.base.array_stats.ess(column, chain_axis=0, draw_axis=1, method="bulk")
+    assert ess == pytest.approx(kish, rel=0.25)
+
+
+def test_proposed_points_have_their_log_density(rough: HyperPosterior) -> None:
+    sample = rough.without_truncation.weighted_sample
+    points, log_density = sample.draw_with_log_density(500, np.random.default_rng(3))
+    np.testing.assert_array_equal(points, sample.draw(500, np.random.default_rng(3)))
+    np.testing.assert_allclose(log_density, sample.log_proposal(points), atol=1e-8)
+
+
+def test_the_envelope_is_low_where_the_proposal_fits_well() -> None:
+    """Of a posterior in four dimensions more than 60 % of the proposals are accepted, and hardly
+    any value comes twice."""
+    unrestricted = MODEL.without("truncation")
+    start = HyperPosterior(unrestricted.bind(simulated(plan())), truncated=False)
+    draws = draw_jointly(start, 4000, np.random.default_rng(1))
+    assert draws.accepted / draws.proposed > 0.6
+    assert len(np.unique(draws.free[:, 0])) > 0.97 * 4000
 
 
 def test_emcee_takes_over_where_no_proposal_suffices(
