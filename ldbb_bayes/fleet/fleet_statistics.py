@@ -42,6 +42,7 @@ from ldbb_bayes.fleet.common_priors import (
     reference_sd,
     usual_priors,
 )
+from ldbb_bayes.fleet.force_sensitivity import with_common_sensitivity
 from ldbb_bayes.fleet.machine_effects import (
     VARIANCE_OF_CAMPAIGN,
     has_usual_circles,
@@ -183,7 +184,10 @@ def fleet_statistics(
     scale = np.concatenate([parameter_sd, of_instrument.sd, of_machine.sd])
     centre = np.concatenate([np.zeros(c), of_instrument.mean, of_machine.mean])
     shift = of_campaigns.shift - of_campaigns.precision @ centre
-    likelihood = Gaussian(of_campaigns.precision * (scale[:, None] * scale), shift * scale)
+    centred = with_common_sensitivity(
+        Gaussian(of_campaigns.precision, shift), (*chosen, *instrument, *effects), rows, force
+    )
+    likelihood = Gaussian(centred.precision * (scale[:, None] * scale), centred.shift * scale)
     if effects:
         other_circles = np.flatnonzero(~has_usual_circles(rows, owners))
         likelihood = _without_parts_of_campaigns(likelihood, effects, other_circles)

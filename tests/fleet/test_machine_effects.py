@@ -121,6 +121,7 @@ def _dense(rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
                 rows_of_names[i, unknowns.index(f"{name} of {k}")] = 1.0
             else:
                 rows_of_names[i, unknowns.index(name)] = 1.0
+        rows_of_names += _of_force_errors(rows, k, unknowns)
         for name in COMPLIANCES:
             for coefficient, by in _change(name, FORCE_N, entry).items():
                 of_coefficient = rows_of_names[names.index(coefficient)]
@@ -135,6 +136,31 @@ def _dense(rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
     joint = np.linalg.inv(precision * np.outer(sd, sd)) * np.outer(sd, sd)
     c = len(COMPLIANCES)
     return (joint @ shift)[:c], joint[:c, :c]
+
+
+def _of_force_errors(rows: pd.DataFrame, k: int, unknowns: list[str]) -> np.ndarray:
+    """Errors of the force act on the median of the estimates, not on the campaign's own."""
+    entry = rows.iloc[k]
+    names, mean, *_ = _moments(entry)
+    change = np.zeros((len(names), len(unknowns)))
+    bow = 4.0 / entry["force_max_N"]
+    for name in COMPLIANCES:
+        distance = _median(name, rows) - mean[names.index(name)]
+        place = names.index(name)
+        change[place, unknowns.index("force_gain")] = distance
+        at_reference = 4.0 - bow * entry["reference_force_N"]
+        change[place, unknowns.index("force_curvature")] = at_reference * distance
+        slope = names.index(f"{name}_1")
+        change[slope, unknowns.index("force_curvature")] = -bow * distance
+    return change
+
+
+def _median(name: str, rows: pd.DataFrame) -> float:
+    """Median of a quantity's estimates from all campaigns."""
+    estimates = []
+    for _, entry in rows.iterrows():
+        estimates.append(entry["gaussian_mean"][list(entry["gaussian_names"]).index(name)])
+    return float(np.median(estimates))
 
 
 @pytest.mark.parametrize("circles", ["the same", None])
