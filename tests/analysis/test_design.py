@@ -12,6 +12,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from campaigns import TRUTH, cases, plan, refuses, simulated
 from oracle import Oracle, OracleTest
@@ -48,7 +49,7 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel
-from ldbb_bayes.report.wording import design_notes, design_sentences, with_words
+from ldbb_bayes.report.wording import design_notes, design_screen, design_sentences, with_words
 from ldbb_bayes.results import json_text
 
 LINEAR = lb.HybridModel.first(1)
@@ -336,6 +337,30 @@ def test_intervals_of_equal_width_are_called_as_wide(six: lb.analysis.Design) ->
     sentences = design_sentences(replace(six, expected={**six.baseline, "C_XXX": half}))
     (sentence,) = [text for text in sentences if text.startswith(against)]
     assert sentence.startswith(f"{against}0.50 times as wide for C_XXX to as wide for ")
+
+
+@pytest.mark.parametrize(("circles", "reason"), [(6, "as known"), (7, "more circles leave less")])
+def test_less_uncertainty_at_a_lower_efficiency_is_explained(
+    six: lb.analysis.Design, circles: int, reason: str
+) -> None:
+    """A lower efficiency beside a smaller expected u has its reason there.
+
+    Of three circles of one machine, equal steps had an efficiency of 0.59 against 0.78, and left 11
+    nm/N against 13: efficiency takes the scatter between circles as known.
+    """
+    equal_steps = six.compared[0]
+    tests = pd.concat([equal_steps.tests] * 2, ignore_index=True).head(circles)
+    lower = replace(equal_steps, efficiency=six.efficiency - 0.1, tests=tests)
+    for factor, said in ((0.9, 1), (1.1, 0)):
+        expected = {
+            name: replace(entry, sd=factor * six.expected[name].sd)
+            for name, entry in six.expected.items()
+        }
+        design = replace(six, compared=(replace(lower, expected=expected),))
+        for sentences in (design_screen(design), design_sentences(design)):
+            reasons = [s for s in sentences if "at a lower efficiency" in s]
+            assert len(reasons) == said
+            assert all(reason in sentence for sentence in reasons)
 
 
 def test_read_back(six: lb.analysis.Design, pilot: lb.Campaign, tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from ldbb_bayes.model.parameter_kinds import DEGREE_NAMES
 from ldbb_bayes.report.wording.degeneracy_words import degeneracy_items
@@ -12,7 +12,7 @@ from ldbb_bayes.report.wording.sentence_file import SentenceFile
 from ldbb_bayes.units import counted, ranked, without_slopes
 
 if TYPE_CHECKING:
-    from ldbb_bayes.analysis.design import Design
+    from ldbb_bayes.analysis.design import Design, Judged
 
 __all__ = ["design_notes", "design_screen", "design_sentences"]
 
@@ -39,6 +39,7 @@ def design_sentences(design: Design) -> tuple[str, ...]:
         "design_sentences",
         design,
         _tests_to_run(design),
+        _contrary_designs(design),
         ratio,
         most_improved,
         least_improved,
@@ -48,9 +49,8 @@ def design_sentences(design: Design) -> tuple[str, ...]:
 
 def design_screen(design: Design) -> tuple[str, ...]:
     """Return the most important sentences on a design of tests. The first lists the tests."""
-    return _TEMPLATES.sentences(
-        "design_screen", design, _tests_to_run(design, most=len(design.table))
-    )
+    tests = _tests_to_run(design, most=len(design.table))
+    return _TEMPLATES.sentences("design_screen", design, tests, _contrary_designs(design))
 
 
 def design_notes(design: Design) -> tuple[str, ...]:
@@ -65,6 +65,40 @@ def design_notes(design: Design) -> tuple[str, ...]:
     alike = degeneracy_items(design.limits.degeneracies, design.limits.cures)
     sizes = joined_sizes(design.hyper_um, " ")
     return _TEMPLATES.sentences("design_notes", design, sizes, max(relative_errors), alike)
+
+
+class _ContraryDesigns(NamedTuple):
+    """Names of compared designs with a lower efficiency, but no larger expected uncertainty.
+
+    The efficiency compares designs of equally many tests at known hyper-parameters. An analysis of
+    the tests has to estimate the hyper-parameters, and its expected uncertainty includes this.
+    """
+
+    as_large: tuple[str, ...]  #: designs with at most as many tests as the recommended design
+    larger: tuple[str, ...]  #: designs with more tests than the recommended design
+
+
+def _contrary_designs(design: Design) -> _ContraryDesigns:
+    """Return the compared designs whose efficiency and expected uncertainties seem to disagree."""
+    recommended = int(design.table["count"].sum())
+    as_large = []
+    larger = []
+    for other in design.compared:
+        if other.efficiency >= design.efficiency or not _leaves_less(other, design):
+            continue
+        if len(other.tests) > recommended:
+            larger.append(other.name)
+        else:
+            as_large.append(other.name)
+    return _ContraryDesigns(tuple(as_large), tuple(larger))
+
+
+def _leaves_less(other: Judged, design: Design) -> bool:
+    """Return whether a compared design is expected to leave less uncertainty of all parameters.
+
+    Only the parameters of interest count.
+    """
+    return all(other.expected[name].sd < design.expected[name].sd for name in design.parameters)
 
 
 def _tests_to_run(design: Design, most: int = _MOST_LISTED_TESTS) -> str:
