@@ -18,9 +18,11 @@ from ldbb_bayes.analysis.design.goal_design import _near_misses
 from ldbb_bayes.analysis.design.goals import Goal
 from ldbb_bayes.analysis.design.judged_campaigns import (
     JudgedCampaign,
+    are_enough,
     judge_plan,
     judged_on_fresh_machines,
     shares_of_machines,
+    u_in_reach,
 )
 from ldbb_bayes.analysis.design.simulated_analyses import StatedByMachines
 from ldbb_bayes.analysis.design.space import Space
@@ -294,6 +296,41 @@ def test_one_circle_is_not_called_circles(cheapest):
     too_long = replace(cheapest, plans=(), customary=(), without_limit=single, costs=short)
     text = " ".join(text_of(too_long).split())
     assert " h: 1 circle, price" in text
+
+
+def test_a_goal_in_percent_is_out_of_reach_by_percent():
+    """The goal is 5 % of each machine's own C_XXX: no U in nm/N is out of reach on all of them."""
+    design = lb.design(MODEL, PILOT, goals={"C_XXX": "5 %"}, forces_N=FORCES)
+    goal = design.goals["C_XXX"]
+    obstacle = replace(design.obstacles["C_XXX"], U_floor=1.7 * goal.limit_U)
+    text = " ".join(text_of(replace(design, obstacles={"C_XXX": obstacle})).split())
+    assert "C_XXX: no number of circles brings U below 8.5 %; 5.0 % is wanted." in text
+
+
+@pytest.mark.parametrize(("probability", "u_in_nm"), [(0.9, 59.0), (0.5, 33.0), (0.99, 64.0)])
+def test_what_is_in_reach_is_what_enough_machines_reach(probability, u_in_nm):
+    """Of 64 machines 59 are 90 % of 65: the goal has to be above the 59th, and that will do."""
+    u = np.arange(64.0, 0.0, -1.0)[:, None]
+    stated = StatedByMachines(("C_XXX",), np.ones_like(u), u)
+    assert u_in_reach(stated, "C_XXX", probability) == u_in_nm
+    assert are_enough(np.mean(u <= u_in_nm), 64, probability)
+    assert probability > 0.98 or not are_enough(np.mean(u < u_in_nm), 64, probability)
+
+
+@pytest.mark.parametrize(
+    ("share_of_present", "sentence"),
+    [(0.9, "Ask for"), (0.99, "40 circles alone leave no less than is known already.")],
+)
+def test_no_goal_is_suggested_that_is_no_less_than_the_present_one(share_of_present, sentence):
+    """A goal 5 % above what 40 circles leave is suggested: 0.99 of U now is too much."""
+    design = lb.design(MODEL, PILOT, goals={"C_XXX": "5 %"}, forces_N=FORCES)
+    stated = design.goals["C_XXX"]
+    present_U = stated.U_of_fit or stated.U
+    obstacle = replace(design.obstacles["C_XXX"], reachable_U=share_of_present * present_U)
+    text = text_of(replace(design, obstacles={"C_XXX": obstacle}))
+    assert sentence in " ".join(text.split())
+    for asked in re.findall(r"Ask for ([0-9.]+) nm/N", text):
+        assert share_of_present * present_U <= 1e-6 * float(asked) / 1.05 < present_U
 
 
 def test_a_goal_just_below_what_remains_reads_as_less_than_it():

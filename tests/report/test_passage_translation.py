@@ -50,7 +50,11 @@ SENTENCES = [
     "C_XXX: 40 circles, with mount ± 2 % certified, leave U of up to 7.5 nm/N on nine in ten"
     " machines; the goal of 5.4 nm/N is met on 33 % of them.",
     "No certificate that is known here would help by a tenth. Ask for 6.8 nm/N or more to see which"
-    " circles come near.",
+    " circles reach it.",
+    "40 circles alone leave no less than is known already. With --augment the circles run so far"
+    " count too.",
+    "C_YYY: no number of circles brings U below 38 %; 5.0 % is wanted. Mount holds it (57 % of what"
+    " remains).",
     "C_XXX: wanted is 10 % of 53.6 nm/N, the present estimate.",
     "C_XXX: wanted is 10 % of 53.6 nm/N, the present estimate; U now is enough on 55 % of the"
     " machines that the pilot leaves likely.",

@@ -31,7 +31,7 @@ from ldbb_bayes.analysis.design.judged_campaigns import (
 )
 from ldbb_bayes.results import Array
 
-__all__ = ["CheapestCampaigns", "find_cheapest", "truncation_ratios"]
+__all__ = ["CheapestCampaigns", "find_cheapest", "judge_largest", "truncation_ratios"]
 
 # Largest number of circles that a campaign may have in the search for the cheapest campaign.
 _MOST_CIRCLES = 40
@@ -82,18 +82,26 @@ class CheapestCampaigns:
     is_too_long: bool = False
 
 
-def truncation_ratios(family: CampaignFamily) -> dict[str, float]:
+def judge_largest(family: CampaignFamily) -> JudgedCampaign:
+    """Return the largest campaign that a search tries first, with its full forecast.
+
+    It is the best campaign of 8 circles of the family, with every circle repeated five times.
+    """
+    counts = (_MOST_CIRCLES // _CIRCLES_OF_SHARES) * family.best_counts(_CIRCLES_OF_SHARES)
+    return judge_plan(family, family.tests_of(counts))
+
+
+def truncation_ratios(largest: JudgedCampaign) -> dict[str, float]:
     """Return how much the condition that no compliance is negative reduces uncertainties.
 
     The result holds, for every goal, the ratio of the standard uncertainties with and without this
-    condition; the keys are the names of the parameters. The ratios are those of the best campaign
-    of 8 circles with every circle repeated five times, which is the largest campaign that a search
-    tries first. The result is empty if the model allows negative compliances.
+    condition; the keys are the names of the parameters. The ratios are those of ``largest``, the
+    largest campaign that a search tries first. The result is empty if the model allows negative
+    compliances.
     """
+    family = largest.family
     if not family.bound.truncation.active:
         return {}
-    counts = (_MOST_CIRCLES // _CIRCLES_OF_SHARES) * family.best_counts(_CIRCLES_OF_SHARES)
-    largest = judge_plan(family, family.tests_of(counts))
     forecast = forecast_plan(family.space.model, largest.plan, analyses=largest.analyses)
     ratios = {}
     for name in family.goals:

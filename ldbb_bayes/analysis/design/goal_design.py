@@ -25,7 +25,11 @@ from ldbb_bayes.analysis.design.certificate_offers import (
     offers_in,
     sets_of_offers,
 )
-from ldbb_bayes.analysis.design.cheapest_search import find_cheapest, truncation_ratios
+from ldbb_bayes.analysis.design.cheapest_search import (
+    find_cheapest,
+    judge_largest,
+    truncation_ratios,
+)
 from ldbb_bayes.analysis.design.costs import Costs
 from ldbb_bayes.analysis.design.customary_plans import equal_steps, published_forces
 from ldbb_bayes.analysis.design.forecast import forecast_plan
@@ -42,6 +46,7 @@ from ldbb_bayes.analysis.design.judged_campaigns import (
     are_enough,
     judge_plan,
     shares_of_machines,
+    u_in_reach,
 )
 from ldbb_bayes.analysis.design.obstacles import NearMiss, Obstacle, near_miss_of, obstacles_of
 from ldbb_bayes.analysis.design.possible_certificates import require_possible
@@ -249,9 +254,14 @@ def _search_campaigns(
         if widest.quick.floor().max() > 0.0:
             # A goal may be out of reach only because the quick forecast allows negative
             # compliances.
-            widest = replace(widest, truncation=truncation_ratios(widest))
-        limits = {name: known[name].limit_U for name in needed}
-        obstacles = obstacles_of(widest, limits)
+            largest = judge_largest(widest)
+            widest = replace(widest, truncation=truncation_ratios(largest))
+            limits = {name: known[name].limit_U for name in needed}
+            in_reach = {}
+            for name in needed:
+                u = u_in_reach(largest.stated, name, probability)
+                in_reach[name] = COVERAGE_FACTOR * u
+            obstacles = obstacles_of(widest, limits, in_reach)
         reachable = _reachable(widest, sets)
         unreachable = tuple(name for name in needed if name not in reachable)
         if reachable:
@@ -400,6 +410,7 @@ def _near_misses(
             circles=len(campaign.tests),
             likely_U=COVERAGE_FACTOR * campaign.stated.likely_u(name),
             probability=shares_of_machines(campaign.stated, goals)[name],
+            reachable_U=COVERAGE_FACTOR * u_in_reach(campaign.stated, name, probability),
         )
     return near_misses
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -26,11 +27,9 @@ __all__ = ["goal_design_head", "goal_design_sentences", "goal_notes", "holder_in
 _TEMPLATES = SentenceFile("goals")
 
 # A goal that is out of reach can be replaced by a larger one. The goal that is suggested exceeds by
-# this factor the U that would remain after very many circles.
-_ABOVE_FLOOR = 1.25
-# The same for a goal that 40 circles miss. The goal that is suggested exceeds by this factor the U
-# that these circles leave on nine in ten machines at most.
-_ABOVE_LIKELY = 1.05
+# this factor the U that 40 circles leave at most on as many machines as were asked for: the search
+# judges its campaigns on further machines, too.
+_ABOVE_REACHED = 1.05
 
 
 def goal_design_head(result: GoalDesign) -> tuple[str, ...]:
@@ -57,6 +56,9 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
         stated = result.goals[name]
         factor, unit = display_unit(stated.goal.unit)
         remaining = [obstacle.U_floor, obstacle.U_with_certificate]
+        if stated.goal.share is not None:
+            # U that remains is a multiple of what a goal in percent permits on each machine.
+            factor, unit = 100.0 * stated.goal.share / stated.limit_U, "%"
         limit, floor, with_certificate = digits_apart(stated.limit_U, remaining, factor)
         obstacles.append(
             {
@@ -69,7 +71,7 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
                 "certificate": obstacle.certificate,
                 "with_certificate": f"{with_certificate} {unit}",
                 "reached": obstacle.reached,
-                "in_reach": f"{two_digits(_ABOVE_FLOOR * obstacle.U_floor, factor)} {unit}",
+                "in_reach": _goal_in_reach(stated, obstacle.reachable_U),
                 "is_near_miss": name in result.near_misses,
             }
         )
@@ -78,19 +80,22 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
         stated = result.goals[name]
         factor, unit = display_unit(stated.goal.unit)
         limit, likely_U = digits_apart(stated.limit_U, [near_miss.likely_U], factor)
+        wanted = f"{limit} {unit}"
+        if stated.goal.share is not None:
+            wanted = f"{100.0 * stated.goal.share:g} %"
         near_misses.append(
             {
                 "name": display_name(name),
                 "circles": near_miss.circles,
                 "bought": near_miss.bought,
                 "likely_U": f"{likely_U} {unit}",
-                "limit": f"{limit} {unit}",
+                "limit": wanted,
                 "probability": f"{100.0 * near_miss.probability:.0f} %",
                 "held_by": holder_in_words(near_miss.held_by),
                 "is_hysteresis": near_miss.held_by == Hysteresis.__name__,
                 "share": f"{100.0 * near_miss.share:.0f} %",
                 "certificate": near_miss.certificate,
-                "in_reach": f"{two_digits(_ABOVE_LIKELY * near_miss.likely_U, factor)} {unit}",
+                "in_reach": _goal_in_reach(stated, near_miss.reachable_U),
             }
         )
     planes: list[str] = []
@@ -100,6 +105,22 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
             planes = list(dict.fromkeys(tests["plane"]))
     reasons = _TEMPLATES.sentences("goal_design_reasons", result, obstacles, near_misses, planes)
     return reasons + notes
+
+
+def _goal_in_reach(stated: StatedGoal, reachable_U: float) -> str:
+    """Return a goal that 40 circles reach, as text; empty if it would be no less than U now.
+
+    ``reachable_U`` is the expanded uncertainty (k = 2) that these circles leave at most on as many
+    machines as the goals are to be met on. The text is rounded up, so that it is reached too.
+    """
+    factor, unit = display_unit(stated.goal.unit)
+    size = _ABOVE_REACHED * reachable_U * factor
+    step = 10.0 ** (math.floor(math.log10(size)) - 1)
+    rounded_up = step * math.ceil(size / step)
+    present_U = stated.U if stated.U_of_fit is None else stated.U_of_fit
+    if rounded_up >= present_U * factor:
+        return ""
+    return f"{two_digits(rounded_up)} {unit}"
 
 
 def goal_notes(
