@@ -221,6 +221,9 @@ def _has_label(cell: str) -> bool:
 
     A colon marks a label if it ends the cell or follows anything but a digit.
     """
+    # The last word of a label may look like a unit: "bar" in "Ball bar".
+    if is_label(cell):
+        return True
     name = unit_of(cell).name.rstrip(" :")
     is_known = is_label(name) or comparable(name) in WORDS["reading_sign"]["labels"]
     return is_known or re.search(r"\D:|:$", cell) is not None

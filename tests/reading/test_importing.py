@@ -613,6 +613,16 @@ def test_labels_and_values_of_an_overview_are_read_above_and_below_its_list(
     ] * 2
 
 
+@pytest.mark.parametrize("label", ["Ball bar", "Ball bar:", "Loaded double ball bar", "Ballbar"])
+def test_the_bar_of_an_overview_is_read_although_bar_is_a_unit_too(
+    label: str, tmp_path: Path
+) -> None:
+    overview = [("Machine", "FZ 400"), (label, "LDBB 7"), ("Remark by us", "Place: Hall 3")]
+    sheets = {"About": overview, "36 N": SHEET, "742 N": SHEET}
+    campaign = imported(book(tmp_path / "b.xlsx", sheets)).campaign
+    assert (campaign.ball_bar, campaign.place) == ("LDBB 7", "Hall 3")
+
+
 def test_a_direction_of_a_sheet_without_a_table_has_that_reason(tmp_path: Path) -> None:
     sheets = {"Info": [("Richtung:", "UZS")], "36 N": SHEET, "742 N": SHEET}
     result = imported(book(tmp_path / "b.xlsx", sheets))
