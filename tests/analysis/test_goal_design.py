@@ -13,7 +13,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.design import Costs, GoalDesign, cheapest_search, goals_in, minutes_of
 from ldbb_bayes.analysis.design.bound_plans import bind_tests
 from ldbb_bayes.analysis.design.campaign_family import CampaignFamily
-from ldbb_bayes.analysis.design.cheapest_search import _Search
+from ldbb_bayes.analysis.design.cheapest_search import _Progress, _Search
 from ldbb_bayes.analysis.design.goal_design import _near_misses
 from ldbb_bayes.analysis.design.goals import Goal
 from ldbb_bayes.analysis.design.judged_campaigns import (
@@ -107,6 +107,32 @@ def test_no_campaign_of_up_to_six_circles_is_cheaper_by_brute_force(family):
     for _, counts in cheaper[:12]:
         campaign = judge_plan(family, family.tests_of(counts))
         assert shares_of_machines(campaign.stated, family.goals)[""] < 0.9
+
+
+def test_circles_are_chosen_anew_where_a_growing_campaign_stays_in_one_direction(
+    family, monkeypatch
+) -> None:
+    # Squareness shares its order with the form of the balls and with hysteresis. Both ball angles
+    # in both directions show all three, in four circles. Four circles in one direction do not show
+    # hysteresis: 1 µm of two lobes (1 sd) is 1 µm / (75 mm) = 13 µrad, and U larger than 20 µrad.
+    goals = goals_in(family.bound, {"E_C0YX": "20 µrad"})
+    of_squareness = CampaignFamily(family.space, (), goals, family.states)
+    tests = family.space.tests
+    in_one_direction = np.array([int(test.direction == "CW") for test in tests])
+    in_both = np.array([int(test.force_N == FORCES[0]) for test in tests])
+    in_both[:2] = (0, 1)  # two different forces
+
+    def best_counts(_self, circles, start=None):
+        assert circles == 4
+        return in_both if start is None else in_one_direction
+
+    monkeypatch.setattr(CampaignFamily, "best_counts", best_counts)
+    monkeypatch.setattr(_Search, "_with_fewer_circles", lambda _self, _progress, found: found)
+    search = _Search(goals, Costs(), 0.9)
+    progress = _Progress(of_squareness, circles=4, counts=np.zeros(len(tests), dtype=int))
+    found = search.attempt(progress)
+    assert found is not None
+    assert {test.direction for test in found.tests} == {"CW", "CCW"}
 
 
 def test_the_cheapest_campaign_keeps_its_promise_by_its_own_forecast(cheapest):

@@ -471,9 +471,26 @@ class _Search:
             return None
         campaign = self._confirmed(self._forecast_fully(progress, counts))
         if campaign is None:
+            campaign = self._chosen_anew(family, counts)
+        if campaign is None:
             progress.last_failed = circles
             return None
         return self._with_fewer_circles(progress, campaign)
+
+    def _chosen_anew(self, family: CampaignFamily, counts: Array) -> JudgedCampaign | None:
+        """Return a campaign whose circles are all chosen anew, or None if it misses the goals.
+
+        Campaigns that grow circle by circle may keep a choice that was best for fewer circles, such
+        as a single direction of travel. ``counts`` is the number of circles of every candidate test
+        in such a campaign, which misses the goals. The result has as many circles. It is None, too,
+        if the quick forecast does not prefer the new choice.
+        """
+        chosen = family.best_counts(int(counts.sum()))
+        tests = family.tests_of(chosen)
+        is_better = family.quick.distance(chosen) < family.quick.distance(counts)
+        if not (is_better and family.uses_all(tests)):
+            return None
+        return self._confirmed(judge_plan(family, tests))
 
     def _found_by_bisection(self, progress: _Progress) -> JudgedCampaign | None:
         """Return a campaign of a family that narrowly misses the goals with fewer circles.
