@@ -38,7 +38,7 @@ from ldbb_bayes.reading.log_times import times_of_log
 from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.programmed_circles import programmed_arcs
 from ldbb_bayes.reading.reading_sign import sign_of_readings
-from ldbb_bayes.reading.recording import AssumedUnit, Recording, option_for
+from ldbb_bayes.reading.recording import AssumedUnit, Recording
 from ldbb_bayes.reading.stated_values import quantity_of
 from ldbb_bayes.reading.stepped_angles import may_be_stepped, stepped_angles
 from ldbb_bayes.reading.travel_direction import unread_direction
@@ -259,15 +259,18 @@ def _start_of_circle(recording: Recording, direction: str | None) -> float:
     The first source that states the angle is used. If none states it, the angle is zero.
     ``direction`` is the stated direction of travel, CW or CCW; None if nothing states it.
     """
-    if quantity_of(recording, "start_deg") is None:
-        plane = _plane_of(recording)
-        at_axis = start_at_axis(recording, plane)
-        if at_axis is not None:
-            return at_axis
-        programmed = start_of_programme(recording, plane, direction)
-        if programmed is not None:
-            return programmed
-    return _angle_or_zero(recording, "start_deg")
+    stated = quantity_of(recording, "start_deg")
+    if stated is not None:
+        return stated
+    plane = _plane_of(recording)
+    at_axis = start_at_axis(recording, plane)
+    if at_axis is not None:
+        return at_axis
+    programmed = start_of_programme(recording, plane, direction)
+    if programmed is not None:
+        return programmed
+    recording.note("start_deg", "0°", NOTHING_STATED, "--start-deg")
+    return 0.0
 
 
 def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
@@ -286,7 +289,7 @@ def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
     if direction is None:
         _check_no_direction(recording)
     start_deg = _start_of_circle(recording, direction)
-    overshoot_deg = _angle_or_zero(recording, "overshoot_deg")
+    run_in_deg = quantity_of(recording, "overshoot_deg")
     reason = "a log holds no more"
     recording.note("feed", "constant from the first reading on", reason, "--overshoot-deg")
     if direction is None:
@@ -300,10 +303,12 @@ def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
             feed_mm_per_min=feed,
             radius_mm=recording.radius_mm,
             start_deg=start_deg,
-            overshoot_deg=overshoot_deg,
+            overshoot_deg=run_in_deg or 0.0,
             sense=sense,
         )
     _check_readings_of_turn(recording, angle)
+    if run_in_deg is None:
+        _check_run_in(recording, angle)
     on_circle = on_the_circle(angle, start_deg=start_deg, sense=sense)
     if not on_circle.all():
         count = f"{np.count_nonzero(~on_circle)} readings left out"
@@ -370,20 +375,29 @@ def _check_readings_of_turn(recording: Recording, angle_deg: Array) -> None:
     )
 
 
-def _angle_or_zero(recording: Recording, key: str) -> float:
-    """Return the angle [deg] that is stated for the field ``key`` of a test.
+def _check_run_in(recording: Recording, angle_deg: Array) -> None:
+    """Note that a log begins on the circle, or raise an error if it holds more than whole turns.
 
-    The field is ``start_deg`` or ``overshoot_deg``. A test needs both if its table has times
-    instead of angles. If nothing states the angle, return zero and note this assumption.
-    ``recording`` holds the rows of the test in its file, and everything that the file or the user
-    states about the test.
+    The function is used for a log whose run-in is not stated. The readings beyond whole turns may
+    belong to the run-in before the circle, or to the run-out after it. If they belong to the
+    run-in, all angles would be wrong by its angle.
+
+    ``angle_deg`` are the angles of all readings, computed from their times, shape (n,) [deg].
     """
-    value = quantity_of(recording, key)
-    if value is None:
-        unread = unread_run_in(recording) if key == "overshoot_deg" else None
-        recording.note(key, "0°", unread or NOTHING_STATED, option_for(key))
-        return 0.0
-    return value
+    step = float(np.median(np.abs(np.diff(angle_deg))))
+    covered_deg = float(np.ptp(angle_deg)) + step
+    n_turns = covered_deg // TURN_DEG
+    beyond_deg = covered_deg - n_turns * TURN_DEG
+    unread = unread_run_in(recording)
+    if n_turns < 1.0 or beyond_deg < (_MORE_THAN_A_TURN - 1.0) * TURN_DEG:
+        recording.note("overshoot_deg", "0°", unread or NOTHING_STATED, "--overshoot-deg")
+        return
+    words = "" if unread is None else f" and {unread.quoted!r} in line {unread.line}"
+    raise InputError(
+        f"{recording.place}: a log longer than whole turns must say how far the machine moved"
+        f" before the circle, got {covered_deg:.0f}° of readings{words}. Give --overshoot-deg"
+        " (0 if the first reading is on the circle)."
+    )
 
 
 def _deviations(recording: Recording, raw: Array) -> Array:

@@ -351,7 +351,7 @@ CASES: dict[str, Malformed] = {
         log((50, "3.00;1.5")),
         ("log.csv", "time must increase"),
         "log.csv",
-        ("--feed-mm-per-min", "2000"),
+        ("--feed-mm-per-min", "2000", "--overshoot-deg", "0"),
     ),
     "44_no_feed": Malformed(
         "a log without its feed", log(), ("log.csv", "--feed-mm-per-min"), "log.csv"

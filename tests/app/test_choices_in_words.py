@@ -42,7 +42,7 @@ FEED = "Feed: 2000 mm/min"
 PAUSE = field_files.texts(
     "Time [s];Reading [um]",
     field_files.logged(field_files.with_jump(14.0, 30.0)),
-    above=FEED,
+    above=f"{FEED}\nRun-in: 0 deg",
     separator=";",
     circles=[CIRCLE],
 )
