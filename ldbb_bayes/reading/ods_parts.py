@@ -1,14 +1,14 @@
 """Contents of an ODS workbook other than the values of cells.
 
-The contents are units in the number formats of cells, hidden rows, and formulas without a stored
-value.
+The contents are units in the number formats of cells, hidden rows, formulas without a stored value,
+and cells whose text is struck through.
 """
 
 from __future__ import annotations
 
 import io
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from xml.etree import ElementTree
 
 from ldbb_bayes.reading.workbook_parts import PERCENT, THOUSANDS, SheetParts, unit_shown, xml_root
@@ -22,6 +22,8 @@ _NUMBER = f"{{{_OASIS}:datastyle:1.0}}"
 _OFFICE = f"{{{_OASIS}:office:1.0}}"
 # A row or cell that is repeated more often than this fills the rest of a sheet, without numbers.
 _MOST_REPEATED = 1000
+# A style is based on a parent, which may be based on another style, at most this many times.
+_MOST_PARENTS = 10
 # Attributes of a cell that hold its value.
 _VALUES = ("value", "time-value", "date-value", "string-value", "boolean-value")
 
@@ -54,9 +56,10 @@ def _parts_of_archive(archive: zipfile.ZipFile) -> dict[str, SheetParts]:
     if "styles.xml" in archive.namelist():
         roots.insert(0, xml_root(archive, "styles.xml"))
     units = _units_of_styles(roots)
+    struck_styles = _struck_styles(roots)
     parts = {}
     for table in content.iter(f"{_TABLE}table"):
-        parts[table.get(f"{_TABLE}name", "")] = _parts_of_table(table, units)
+        parts[table.get(f"{_TABLE}name", "")] = _parts_of_table(table, units, struck_styles)
     return parts
 
 
@@ -86,11 +89,45 @@ def _units_of_styles(roots: list[ElementTree.Element]) -> dict[str, str]:
     return units
 
 
-def _parts_of_table(table: ElementTree.Element, units: Mapping[str, str]) -> SheetParts:
+def _struck_styles(roots: list[ElementTree.Element]) -> set[str]:
+    """Return the names of the cell styles whose text is struck through.
+
+    ``roots`` are the files that hold styles. A style without a statement on this takes over that of
+    its parent, the style on which it is based.
+    """
+    parents: dict[str, str] = {}
+    lines: dict[str, str] = {}
+    for root in roots:
+        for style in root.iter(f"{_STYLE}style"):
+            name = style.get(f"{_STYLE}name", "")
+            parents[name] = style.get(f"{_STYLE}parent-style-name", "")
+            for properties in style.iter(f"{_STYLE}text-properties"):
+                lines[name] = properties.get(f"{_STYLE}text-line-through-style", "")
+    return {name for name in parents if _line_through(name, parents, lines) != "none"}
+
+
+def _line_through(name: str, parents: Mapping[str, str], lines: Mapping[str, str]) -> str:
+    """Return how a style strikes text through, such as "solid"; "none" if it does not.
+
+    ``parents`` are the names of the styles on which the styles are based, and ``lines`` state how
+    the styles themselves strike text through; an entry is empty if a style does not state it. The
+    keys are the names of the styles; ``name`` is one of them.
+    """
+    for _ in range(_MOST_PARENTS):
+        line = lines.get(name, "")
+        if line:
+            return line
+        name = parents.get(name, "")
+    return "none"
+
+
+def _parts_of_table(
+    table: ElementTree.Element, units: Mapping[str, str], struck_styles: Collection[str]
+) -> SheetParts:
     """Return what a sheet holds besides the values of its cells.
 
     ``units`` is a dict with the unit in the number format of each style of cells; its keys are the
-    names of the styles.
+    names of the styles. ``struck_styles`` are the names of the styles whose text is struck through.
     """
     parts = SheetParts()
     styles = _styles_of_columns(table)
@@ -104,33 +141,43 @@ def _parts_of_table(table: ElementTree.Element, units: Mapping[str, str]) -> She
             line += 1
             if row.get(f"{_TABLE}visibility") in ("collapse", "filter"):
                 parts.hidden_lines.add(line)
-            _add_cells(parts, line, row, styles, units)
+            for column, cell, style in _styled_cells(row, styles):
+                _add_cell(parts, (line, column), cell, units.get(style, ""))
+                if style in struck_styles:
+                    parts.struck_cells.add((line, column))
     return parts
 
 
-def _add_cells(
-    parts: SheetParts,
-    line: int,
-    row: ElementTree.Element,
-    styles: Mapping[int, str],
-    units: Mapping[str, str],
-) -> None:
-    """Add the units and the formulas without a value of the cells of one row to ``parts``.
+def _styled_cells(
+    row: ElementTree.Element, styles: Mapping[int, str]
+) -> Iterator[tuple[int, ElementTree.Element, str]]:
+    """Yield the column index, the XML element and the name of the style of each cell of a row.
 
-    ``styles`` are the styles of the columns, which cells without a style of their own have.
+    ``styles`` are the styles of the columns. A cell without a style has that of its row, or else
+    that of its column.
     """
     style_of_row = row.get(f"{_TABLE}default-cell-style-name")
     for column, cell in _cells_of(row):
-        has_value = any(cell.get(f"{_OFFICE}{name}") is not None for name in _VALUES)
         style = cell.get(f"{_TABLE}style-name") or style_of_row or styles.get(column, "")
-        unit = units.get(style, "")
-        if cell.get(f"{_OFFICE}value-type") == "percentage":
-            unit = PERCENT
-        if has_value and unit:
-            parts.units[line, column] = unit
-        is_formula = cell.get(f"{_TABLE}formula") is not None
-        if is_formula and not has_value and not "".join(cell.itertext()).strip():
-            parts.formulas_without_value.add((line, column))
+        yield column, cell, style
+
+
+def _add_cell(
+    parts: SheetParts, place: tuple[int, int], cell: ElementTree.Element, unit: str
+) -> None:
+    """Add the unit of a cell to ``parts``, or the cell if it has a formula without a value.
+
+    ``place`` holds the line number and the column index of the cell. ``unit`` is the unit in its
+    number format; it is empty if there is none.
+    """
+    has_value = any(cell.get(f"{_OFFICE}{name}") is not None for name in _VALUES)
+    if cell.get(f"{_OFFICE}value-type") == "percentage":
+        unit = PERCENT
+    if has_value and unit:
+        parts.units[place] = unit
+    is_formula = cell.get(f"{_TABLE}formula") is not None
+    if is_formula and not has_value and not "".join(cell.itertext()).strip():
+        parts.formulas_without_value.add(place)
 
 
 def _cells_of(row: ElementTree.Element) -> Iterator[tuple[int, ElementTree.Element]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -334,17 +334,23 @@ def _table_in_columns(
             n_missing = len(columns) - len(cells)
             further_cells = [_cell(row, column) for column in further_columns]
             rows.append(Row(row.line, [*cells, *[""] * n_missing, *further_cells]))
-    formulas = set()
-    for line, column in sheet.formulas_without_value:
-        formulas.add((line, column - columns.start))
     return replace(
         sheet,
         name=title,
         rows=rows,
         cell_units=_units_in_columns(sheet.cell_units, columns),
         format_units=_units_in_columns(sheet.format_units, columns),
-        formulas_without_value=formulas,
+        formulas_without_value=_in_columns(sheet.formulas_without_value, columns),
+        struck_cells=_in_columns(sheet.struck_cells, columns),
     )
+
+
+def _in_columns(cells: Collection[tuple[int, int]], columns: range) -> set[tuple[int, int]]:
+    """Return the cells of a sheet with column indices that count from the first of ``columns``.
+
+    Each of ``cells`` is a line number and a column index.
+    """
+    return {(line, column - columns.start) for line, column in cells}
 
 
 def _states_directions_of_tables(cells: Sequence[str], width: int) -> bool:

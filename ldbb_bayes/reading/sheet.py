@@ -36,6 +36,8 @@ class Sheet:
     format_units: Mapping[tuple[int, int], str] = field(default_factory=dict)
     #: line number and column index of each cell with a formula but no stored value
     formulas_without_value: Collection[tuple[int, int]] = ()
+    #: line number and column index of each cell whose text is struck through
+    struck_cells: Collection[tuple[int, int]] = ()
     #: whether a workbook stores all numbers of the sheet as numbers, so that their decimal mark is
     #: certain; false for a text file
     stores_numbers: bool = False

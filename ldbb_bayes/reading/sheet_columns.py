@@ -333,6 +333,7 @@ def read_columns(
         clock_column = heading.roles["time"]
     number_columns = [column for column in _numeric_columns(heading) if column != clock_column]
     _check_formulas(sheet, heading, lines, number_columns)
+    _check_struck_cells(sheet, heading, lines, number_columns, cells)
     _check_shown_numbers(sheet, heading, lines, number_columns)
     cells_by_line: list[tuple[int, str]] = []
     for k, line in enumerate(lines):
@@ -433,6 +434,32 @@ def _check_formulas(
                     " without a stored value. Open the file in a spreadsheet program and save it"
                     " once, or export the sheet as CSV."
                 )
+
+
+def _check_struck_cells(
+    sheet: Sheet,
+    heading: Heading,
+    lines: Sequence[int],
+    columns: Sequence[int],
+    cells: Sequence[Sequence[str]],
+) -> None:
+    """Raise an `InputError` for numbers that are struck through: they are no good readings.
+
+    ``lines`` are the line numbers of the rows of the table. ``columns`` are the indices of the
+    columns of numbers, and ``cells`` are the cells of each column of the table.
+    """
+    for column in columns:
+        struck = []
+        for line, cell in zip(lines, cells[column], strict=True):
+            if cell and (line, column) in sheet.struck_cells:
+                struck.append(str(line))
+        if struck:
+            name = heading.headers[column][:LONGEST_NAME] or column + 1
+            raise InputError(
+                f"{sheet.place}, line {struck[0]}: rows must hold readings, got numbers struck"
+                f" through in column {name!r}. Empty the cells in lines {shown_list(struck)}. If"
+                " they are readings, remove the line through them."
+            )
 
 
 def _check_shown_numbers(

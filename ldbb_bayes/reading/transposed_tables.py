@@ -102,6 +102,7 @@ def _with_rows_as_columns(sheet: Sheet, first: int, labels: Sequence[str]) -> Sh
         formulas_without_value=_turned_units(
             dict.fromkeys(sheet.formulas_without_value, ""), turned
         ),
+        struck_cells=_turned_units(dict.fromkeys(sheet.struck_cells, ""), turned),
         line_of_angles=line,
     )
 

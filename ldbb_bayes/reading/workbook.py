@@ -123,7 +123,8 @@ def _wanted_sheets(
     ``wanted`` are the names of the wanted sheets, or patterns with ``*`` or ``?``. If no names are
     given, all sheets that are not hidden are returned, or all sheets if every sheet is hidden. The
     keys of ``parts`` are the names of sheets; each value states the hidden rows of the sheet, the
-    units in its number formats, and its formulas without a value. ``book`` is the open workbook.
+    units in its number formats, its formulas without a value, and its struck cells. ``book`` is the
+    open workbook.
     """
     hidden = _hidden_sheets(book)
     visible = [name for name in book.sheet_names if name not in hidden]
@@ -147,6 +148,7 @@ def _wanted_sheets(
                     rows,
                     format_units=sheet_parts.units,
                     formulas_without_value=sheet_parts.formulas_without_value,
+                    struck_cells=sheet_parts.struck_cells,
                     stores_numbers=not _holds_numbers_as_text(values),
                     is_examined=name in parts,
                     hidden_rows=len(sheet_parts.hidden_lines),

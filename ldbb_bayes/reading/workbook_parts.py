@@ -1,7 +1,7 @@
 """Contents of an XLSX workbook other than the values of cells.
 
-The contents are units in the number formats of cells, hidden rows, and formulas without a stored
-value.
+The contents are units in the number formats of cells, hidden rows, formulas without a stored value,
+and cells whose text is struck through.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import re
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import IO
 from xml.etree import ElementTree
@@ -50,22 +50,26 @@ class SheetParts:
     hidden_lines: set[int] = field(default_factory=set)  #: line numbers of a sheet's hidden rows
     #: line number and column index of each cell that has a formula but no stored value
     formulas_without_value: set[tuple[int, int]] = field(default_factory=set)
+    #: line number and column index of each cell whose text is struck through
+    struck_cells: set[tuple[int, int]] = field(default_factory=set)
 
 
 def parts_of_sheets(raw: bytes) -> dict[str, SheetParts]:
     """Return a dict with the contents of each sheet other than the values of its cells.
 
-    These contents are hidden rows, units in number formats, and formulas without a stored value.
+    These contents are hidden rows, units in number formats, formulas without a stored value, and
+    cells whose text is struck through.
     The keys of the dict are the names of the sheets. ``raw`` is the content of the file. The dict
     is empty if the file is not in the format XLSX or cannot be read.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
             units = _units_of_styles(archive)
+            struck_styles = _struck_styles(archive)
             parts = {}
             for name, path in _paths_of_sheets(archive).items():
                 with archive.open(path) as stream:
-                    parts[name] = _parts_of_sheet(stream, units)
+                    parts[name] = _parts_of_sheet(stream, units, struck_styles)
             return parts
     except (KeyError, ValueError, ElementTree.ParseError, zipfile.BadZipFile):
         return {}
@@ -123,6 +127,30 @@ def _units_of_styles(archive: zipfile.ZipFile) -> dict[str, str]:
     return units
 
 
+def _struck_styles(archive: zipfile.ZipFile) -> set[str]:
+    """Return the numbers, as texts, of the cell styles whose font is struck through.
+
+    ``archive`` is the open workbook.
+    """
+    if "xl/styles.xml" not in archive.namelist():
+        return set()
+    root = xml_root(archive, "xl/styles.xml")
+    fonts = root.find(f"{_MAIN}fonts")
+    styles = root.find(f"{_MAIN}cellXfs")
+    if fonts is None or styles is None:
+        return set()
+    struck_fonts = set()
+    for number, font in enumerate(fonts):
+        strike = font.find(f"{_MAIN}strike")
+        if strike is not None and strike.get("val", "1") not in ("0", "false"):
+            struck_fonts.add(str(number))
+    struck_styles = set()
+    for number, style in enumerate(styles):
+        if style.get("fontId") in struck_fonts:
+            struck_styles.add(str(number))
+    return struck_styles
+
+
 def _unit_in_format(code: str) -> str:
     """Return the unit that a number format shows after numbers, such as mm for ``0.000" mm"``.
 
@@ -153,13 +181,14 @@ def unit_shown(text: str) -> str:
     return unit
 
 
-def _parts_of_sheet(stream: IO[bytes], units: Mapping[str, str]) -> SheetParts:
+def _parts_of_sheet(
+    stream: IO[bytes], units: Mapping[str, str], struck_styles: Collection[str]
+) -> SheetParts:
     """Return what an XLSX sheet holds besides the values of its cells.
 
-    These are hidden rows, units in number formats, and formulas without a stored value.
-
     ``stream`` is the XML of the sheet. ``units`` is a dict with the unit in the number format of
-    each style of cells; its keys are the numbers of the styles.
+    each style of cells; its keys are the numbers of the styles. ``struck_styles`` are the numbers
+    of the styles whose font is struck through.
     """
     parts = SheetParts()
     for element in _elements(stream):
@@ -174,6 +203,8 @@ def _parts_of_sheet(stream: IO[bytes], units: Mapping[str, str]) -> SheetParts:
         unit = units.get(element.get("s", ""))
         if unit is not None:
             parts.units[place] = unit
+        if element.get("s", "") in struck_styles:
+            parts.struck_cells.add(place)
         if element.find(f"{_MAIN}f") is not None and not element.findtext(f"{_MAIN}v"):
             parts.formulas_without_value.add(place)
     return parts

@@ -140,6 +140,21 @@ def test_hidden_rows_are_left_out_and_told(visibility: str, tmp_path: Path) -> N
     assert any("hidden" in note.because or "hidden" in note.value for note in imported.assumptions)
 
 
+@pytest.mark.parametrize("is_inherited", [False, True])
+def test_struck_numbers_are_refused(is_inherited: bool, tmp_path: Path) -> None:
+    struck = (
+        '<style:style style:name="bad" style:family="table-cell"><style:text-properties'
+        ' style:text-line-through-style="solid"/></style:style>'
+    )
+    heir = '<style:style style:name="heir" style:parent-style-name="bad"/>'
+    rows = table_rows()
+    style_name = "heir" if is_inherited else "bad"
+    rows[4] = row(number(30.0), number(float(READINGS_UM[3]), style_name))
+    path = workbook(tmp_path, rows, heir, common_styles=struck)
+    with pytest.raises(lb.InputError, match=r"line 5: .* numbers struck through"):
+        lb.import_campaign(path)
+
+
 def test_formulas_without_values_are_named(tmp_path: Path) -> None:
     rows = [row(text("Angle [deg]"), text("Deviation [um]"))]
     for reading in READINGS_UM:
