@@ -27,6 +27,11 @@ __all__ = ["ColumnRoles", "find_columns", "names_circle", "names_runs"]
 _RUN = re.compile(rf"(?P<name>(?:.*\W)?(?:{WORDS['names']['run']}))\W*(?P<number>\d{{1,3}})")
 # Roles of columns that hold the load of a test.
 _LOADS = ("force", "pressure")
+# Regular expression for a header that is the name of a load alone, such as "Radial force".
+_NAME_OF_LOAD = re.compile(
+    f"(?:{WORDS['numbers']['force_N']['words']})|(?:{WORDS['numbers']['pressure_bar']['words']})",
+    re.IGNORECASE,
+)
 # If the name of a column shows no role, the unit of the column may show one of these roles.
 _ROLES_BY_UNIT = ("angle", "reading", "force")
 # Regular expression for the header of a column of temperatures.
@@ -150,14 +155,16 @@ def _without_other_content(headers: Sequence[str], units: Sequence[str]) -> list
 def _without_loads(headers: Sequence[str], units: Sequence[str]) -> list[str]:
     """Return the headers, with an empty text for each column of forces or pressures.
 
-    A header such as ``Radial force [N]`` could otherwise be taken for the header of a column of
-    readings. A header that states the load of a circle, such as ``36 N``, is kept: its column holds
-    readings. ``units`` holds the unit of each column.
+    A header such as ``Radial force [N]``, or ``Radial force`` without a unit, could otherwise be
+    taken for the header of a column of readings. A header that states the load of a circle, such as
+    ``36 N``, is kept: its column holds readings. ``units`` holds the unit of each column.
     """
     names = list(headers)
-    for column, unit in enumerate(units):
-        header = headers[column]
+    for column, header in enumerate(headers):
+        unit = "".join(units[column : column + 1])
         is_load = any(has_role(header, role) and unit in UNITS[role] for role in _LOADS)
+        if not unit and _NAME_OF_LOAD.fullmatch(header.strip()):
+            is_load = True
         if is_load and load_in_name([header]) is None:
             names[column] = ""
     return names

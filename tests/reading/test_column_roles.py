@@ -10,6 +10,24 @@ import pytest
 import ldbb_bayes as lb
 
 
+@pytest.mark.parametrize("header", ["Radial force", "radial load", "Force radiale"])
+def test_a_load_without_a_unit_is_no_reading(header: str, tmp_path: Path) -> None:
+    file = tmp_path / "log.csv"
+    rows = [f"{10 * k},{k % 7},300" for k in range(36)]
+    file.write_text("\n".join([f"Angle [deg],Reading [um],{header}", *rows, ""]))
+    (test,) = lb.import_campaign(file).campaign.tests
+    assert test.force_N == 300.0
+    assert test.reading_um.max() == 6.0
+
+
+def test_a_load_without_readings_is_no_reading(tmp_path: Path) -> None:
+    file = tmp_path / "36N.csv"
+    rows = [f"{10 * k},300" for k in range(36)]
+    file.write_text("\n".join(["Angle [deg],Radial force", *rows, ""]))
+    with pytest.raises(lb.InputError, match=r"36N.csv: a column must hold the reading, got"):
+        lb.import_campaign(file)
+
+
 @pytest.mark.parametrize(
     ("header", "factor"),
     [("Radial force (N)", 1.0), ("Radial load [daN]", 0.1), ("Force reading [N]", 1.0)],
