@@ -13,12 +13,13 @@ from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import InputError, check_probability
+from ldbb_bayes.fleet.campaign_files import digest_of_files
 from ldbb_bayes.fleet.campaign_row import (
     Job,
     Settings,
@@ -52,6 +53,14 @@ __all__ = ["Batch", "run_batch"]
 # campaigns with doubtful results, and at most this number of paths that are no campaigns. If there
 # are more campaigns, they are included only in the counts.
 _LONGEST_NAMED = 10_000
+
+
+class _FittedRow(NamedTuple):
+    """Row of a campaign in the table of a batch, and the digest of the campaign's files."""
+
+    row: dict[str, Any]  # values of the row; the keys are the names of the columns
+    # digest of the campaign's files before the fit; None if the worker process died
+    digest: str | None
 
 
 @dataclass(frozen=True)
@@ -171,8 +180,8 @@ def run_batch(
         `assess_conformity`); they replace the tolerances in campaign.toml. The keys are the names
         of the quantities.
     resume : bool
-        Whether to continue an earlier run in ``out``. If there is no earlier run, a new batch
-        begins.
+        Whether to continue an earlier run in ``out``. Campaigns whose files have changed since
+        they were fitted are fitted again. If there is no earlier run, a new batch begins.
     retry : bool
         Whether to fit failed campaigns again when resuming.
     force : bool
@@ -364,12 +373,12 @@ def _fit_campaigns(
     finished = campaigns - len(jobs)
     if progress is not None and jobs:
         progress(finished, campaigns, len(failed))
-    fit = partial(fit_row, settings)
+    fit = partial(_fitted_row, settings)
     with closing(done(fit, jobs, executor)) as results:  # type: ignore[type-var]
         for index, result in results:
             job = jobs[index]
-            row = _row_of_result(settings, job, result)
-            save_row(journal, job.number, row)
+            row, digest = _row_of_result(settings, job, result)
+            save_row(journal, job.number, row, digest)
             failed.discard(job.number)
             if row["status"] == "failed":
                 failed.add(job.number)
@@ -379,7 +388,16 @@ def _fit_campaigns(
     return len(jobs)
 
 
-def _row_of_result(settings: Settings, job: Job, result: dict[str, Any] | Lost) -> dict[str, Any]:
+def _fitted_row(settings: Settings, job: Job) -> _FittedRow:
+    """Return the row of a campaign, and the digest of the files from which it was fitted.
+
+    ``job`` is the campaign, and ``settings`` are the settings of the fit.
+    """
+    digest = digest_of_files(job.absolute_path)
+    return _FittedRow(fit_row(settings, job), digest)
+
+
+def _row_of_result(settings: Settings, job: Job, result: _FittedRow | Lost) -> _FittedRow:
     """Return the row of a campaign in the table of a batch, given the result of its fit.
 
     ``result`` is the row itself, or `Lost` if the worker process died twice. In the second case,
@@ -387,7 +405,7 @@ def _row_of_result(settings: Settings, job: Job, result: dict[str, Any] | Lost) 
     are the settings of the fit.
     """
     if isinstance(result, Lost):
-        return failed_row(settings, job, result.reason)
+        return _FittedRow(failed_row(settings, job, result.reason), None)
     return result
 
 

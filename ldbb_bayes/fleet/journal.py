@@ -19,6 +19,7 @@ from pydantic_core import to_jsonable_python
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import write_whole
+from ldbb_bayes.fleet.campaign_files import digest_of_files
 from ldbb_bayes.fleet.campaign_row import Job, Settings
 from ldbb_bayes.fleet.dataset import (
     DATASET,
@@ -48,15 +49,16 @@ _BATCH_FILES = (
     SPREADSHEET,
     SPREADSHEET_PART,
 )
-# SQL statements that make the two tables of a journal. ``batch`` has one row, the identity of the
+# SQL statements that make the three tables of a journal. ``batch`` has one row, the identity of the
 # batch as JSON. ``campaigns`` has a row for each campaign: its number, its path as the user wrote
 # it, its absolute path (``place``) and, after the fit, status, state and the row of the batch's
-# table as JSON.
+# table as JSON. ``files`` has, after the fit, the digest of the files of each campaign.
 _TABLES = """
 CREATE TABLE IF NOT EXISTS batch (record TEXT);
 CREATE TABLE IF NOT EXISTS campaigns (
     number INTEGER PRIMARY KEY, path TEXT, place TEXT, status TEXT, state TEXT, row TEXT
 );
+CREATE TABLE IF NOT EXISTS files (number INTEGER PRIMARY KEY, digest TEXT);
 """
 
 
@@ -211,6 +213,7 @@ def begin_batch(
     if saved is not None and resume:
         _check_same_identity(out, json.loads(saved[0]), json.loads(record))
         _check_same_campaigns(journal, out, jobs)
+        _forget_changed_campaigns(journal)
         return True
     for name in (DATASET, SPREADSHEET):
         (out / name).unlink(missing_ok=True)
@@ -220,6 +223,7 @@ def begin_batch(
         journal.execute("BEGIN")
         journal.execute("DELETE FROM batch")
         journal.execute("DELETE FROM campaigns")
+        journal.execute("DELETE FROM files")
         journal.executemany("INSERT INTO campaigns (number, path, place) VALUES (?, ?, ?)", jobs)
         journal.execute("INSERT INTO batch VALUES (?)", [record])
     return False
@@ -265,10 +269,33 @@ def _check_same_campaigns(journal: sqlite3.Connection, out: Path, jobs: Sequence
         )
 
 
-def save_row(journal: sqlite3.Connection, number: int, row: Mapping[str, Any]) -> None:
+def _forget_changed_campaigns(journal: sqlite3.Connection) -> None:
+    """Remove the rows of the campaigns whose files have changed since they were fitted.
+
+    These campaigns are then fitted again. The row of a campaign is kept if the campaign has been
+    moved away, or if no digest of its files was saved. ``journal`` is the database of the batch's
+    rows.
+    """
+    query = (
+        "SELECT number, place, digest FROM campaigns JOIN files USING (number)"
+        " WHERE digest IS NOT NULL AND status IS NOT NULL"
+    )
+    changed = []
+    for number, path, digest in journal.execute(query):
+        if Path(path).exists() and digest_of_files(path) != digest:
+            changed.append((number,))
+    journal.executemany(
+        "UPDATE campaigns SET status = NULL, state = NULL, row = NULL WHERE number = ?", changed
+    )
+
+
+def save_row(
+    journal: sqlite3.Connection, number: int, row: Mapping[str, Any], digest: str | None = None
+) -> None:
     """Save the row of a campaign in the journal, which must already list the campaign.
 
-    The row is saved without a commit, because every statement is a separate transaction.
+    The row is saved without a commit, because every statement is a separate transaction. The digest
+    is saved first: a row is therefore never saved without the digest of its files.
 
     Parameters
     ----------
@@ -277,7 +304,9 @@ def save_row(journal: sqlite3.Connection, number: int, row: Mapping[str, Any]) -
     row : dictionary of the row's values; the keys are the names of the columns, see `fit_row`. The
         status is "done" or "failed". The state says how far a fit can be trusted; a campaign that
         could not be fitted has no state.
+    digest : digest of the campaign's files before the fit; None if it is not known.
     """
+    journal.execute("INSERT OR REPLACE INTO files VALUES (?, ?)", (number, digest))
     journal.execute(
         "UPDATE campaigns SET status = ?, state = ?, row = ? WHERE number = ?",
         (row["status"], row.get("state"), json.dumps(_storable(row)), number),

@@ -296,6 +296,29 @@ def quick_batch(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[list[s
     return [str(tmp_path / f"p{k}") for k in range(20)], calls
 
 
+def test_a_campaign_whose_files_have_changed_is_fitted_again(
+    quick_batch: tuple[list[str], list[int]], tmp_path: Path
+) -> None:
+    paths, calls = quick_batch
+    paths = [*paths, str(tmp_path / "tidy.csv")]
+    (tmp_path / "tidy.csv").touch()
+    toml = tmp_path / "p0" / "campaign.toml"
+    readings = tmp_path / "p0" / "f036.csv"
+    toml.write_text('[[test]]\nfile = "f036.csv"\n', encoding="utf-8")
+    readings.write_text("angle_deg,reading_um\n0,1\n", encoding="utf-8")
+    out = tmp_path / "out"
+    assert lb.fleet.run_batch(paths, out).fitted == len(paths)
+    os.utime(readings, (0.0, 0.0))
+    assert lb.fleet.run_batch(paths, out, resume=True).fitted == 0
+    calls.clear()
+    readings.write_text("angle_deg,reading_um\n0,2\n", encoding="utf-8")
+    assert lb.fleet.run_batch(paths, out, resume=True).fitted == 1
+    assert calls == [0]
+    assert lb.fleet.run_batch(paths, out, resume=True).fitted == 0
+    shutil.rmtree(tmp_path / "p0")
+    assert lb.fleet.run_batch(paths, out, resume=True).fitted == 0
+
+
 @pytest.mark.slow
 def test_interrupted_anywhere_and_resumed(
     quick_batch: tuple[list[str], list[int]], tmp_path: Path
