@@ -7,7 +7,12 @@ import pytest
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design import Costs, minutes_of
-from ldbb_bayes.analysis.design.certificate_offers import certified_with, offers_in, sets_of_offers
+from ldbb_bayes.analysis.design.certificate_offers import (
+    certified_with,
+    offers_in,
+    require_missing,
+    sets_of_offers,
+)
 from ldbb_bayes.analysis.design.costs import price_of
 from ldbb_bayes.errors import InputError
 
@@ -81,6 +86,34 @@ def test_sets_of_offers_hold_every_combination_but_what_is_stated_already():
         ["mount ± 2 %"],
         ["balls of grade G10", "mount ± 2 %"],
     ]
+
+
+@pytest.mark.parametrize(
+    ("word", "instrument", "message"),
+    [
+        (
+            "balls G10",
+            lb.Instrument(work=lb.Ball(grade="G5")),
+            "got 'balls of grade G10', and the campaign states the work ball. Offer 'tool ball G10'"
+            " instead, or leave this certificate out.",
+        ),
+        (
+            "balls G10",
+            lb.Instrument(work=lb.Ball(grade="G5"), tool=lb.Ball(grade="G5")),
+            "the campaign states the work ball and the tool ball. Leave this certificate out.",
+        ),
+        ("bar", lb.Instrument(bar_U_um=2.0), "states bar_U_um. Leave this certificate out."),
+    ],
+)
+def test_an_offer_of_what_is_stated_already_is_refused(word, instrument, message):
+    with pytest.raises(InputError) as refusal:
+        require_missing(offers_in({word: 300.0}), instrument)
+    assert str(refusal.value).endswith(message)
+
+
+def test_an_offer_of_what_is_missing_is_accepted():
+    offers = offers_in({"tool ball G10": 300.0, "bar": 150.0})
+    require_missing(offers, lb.Instrument(work=lb.Ball(grade="G5")))
 
 
 def test_a_set_of_offers_states_nothing_twice():

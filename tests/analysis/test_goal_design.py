@@ -277,6 +277,13 @@ def test_a_campaign_that_takes_too_long_is_not_offered():
     assert "No campaign within 0.3 h" in text_of(design)
 
 
+def test_an_offer_that_the_campaign_states_already_is_not_dropped_silently():
+    instrument = replace(PILOT.instrument, work=lb.Ball(grade="G5"))
+    pilot = replace(PILOT, instrument=instrument)
+    with pytest.raises(InputError, match="Offer 'tool ball G10' instead"):
+        lb.design(MODEL, pilot, goals={"E_C0YX": "25 µrad"}, certificates={"balls G10": 300.0})
+
+
 def test_what_is_too_long_says_how_long_the_cheapest_takes(cheapest):
     design = lb.design(
         MODEL, PILOT, goals={"E_C0YX": "25 µrad"}, forces_N=FORCES, costs=Costs(hours=0.3)

@@ -16,7 +16,7 @@ from ldbb_bayes.campaign.campaign import Ball, Instrument
 from ldbb_bayes.errors import InputError, check_known, placed, require
 from ldbb_bayes.results import Result
 
-__all__ = ["CertificateOffer", "certified_with", "offers_in", "sets_of_offers"]
+__all__ = ["CertificateOffer", "certified_with", "offers_in", "require_missing", "sets_of_offers"]
 
 # Each key is a word that a user writes for a certificate, and each value is the key of this
 # certificate in ``CERTIFICATES``. Certificates of balls are not included, because their names
@@ -32,6 +32,8 @@ _FIELDS_BY_BALLS = {
     "work ball": ("work",),
     "tool ball": ("tool",),
 }
+# Words for the fields of the instrument that stand for a whole ball.
+_WORDS_OF_FIELDS = {"work": "the work ball", "tool": "the tool ball"}
 # Regular expression for the name of a certificate of balls. The name ends with the grade of the
 # balls, as in "balls G10".
 _BALLS = re.compile(r"(balls|work ball|tool ball)\s+(G\d+)", re.IGNORECASE)
@@ -114,6 +116,35 @@ def _offer_of(word: str, price: float) -> CertificateOffer:
     return CertificateOffer(name, price, CERTIFICATES[name])
 
 
+def require_missing(offers: Sequence[CertificateOffer], instrument: Instrument) -> None:
+    """Raise an `InputError` if the instrument already has what one of the ``offers`` certifies.
+
+    An example is a certificate of both balls if the grade of one ball is stated already.
+    """
+    for offer in offers:
+        certified = _certified_fields(offer, instrument)
+        if not certified:
+            continue
+        missing = [key for key in offer.statements if key not in certified]
+        advice = "Leave this certificate out."
+        if missing in (["work"], ["tool"]):
+            grade = offer.statements[missing[0]].grade
+            advice = f"Offer '{missing[0]} ball {grade}' instead, or leave this certificate out."
+        listed = " and ".join(_WORDS_OF_FIELDS.get(key, key) for key in certified)
+        raise InputError(
+            f"certificates must state what the campaign does not state yet, got {offer.name!r}, and"
+            f" the campaign states {listed}. {advice}"
+        )
+
+
+def _certified_fields(offer: CertificateOffer, instrument: Instrument) -> list[str]:
+    """Return those fields that a certificate states and that the instrument states already."""
+    uncertified = Instrument()
+    return [
+        key for key in offer.statements if getattr(instrument, key) != getattr(uncertified, key)
+    ]
+
+
 def sets_of_offers(
     offers: Sequence[CertificateOffer], instrument: Instrument
 ) -> tuple[tuple[CertificateOffer, ...], ...]:
@@ -123,12 +154,7 @@ def sets_of_offers(
     already certified for the instrument. Sets in which two certificates state the same property are
     left out too. The first set is empty.
     """
-    uncertified = Instrument()
-    useful = []
-    for offer in offers:
-        fields = list(offer.statements)
-        if all(getattr(instrument, key) == getattr(uncertified, key) for key in fields):
-            useful.append(offer)
+    useful = [offer for offer in offers if not _certified_fields(offer, instrument)]
     sets: list[tuple[CertificateOffer, ...]] = []
     for number in range(len(useful) + 1):
         for chosen in combinations(useful, number):

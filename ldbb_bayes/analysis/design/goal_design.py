@@ -23,6 +23,7 @@ from ldbb_bayes.analysis.design.candidates import Clocking
 from ldbb_bayes.analysis.design.certificate_offers import (
     CertificateOffer,
     offers_in,
+    require_missing,
     sets_of_offers,
 )
 from ldbb_bayes.analysis.design.cheapest_search import (
@@ -114,6 +115,7 @@ def design_for_goals(
         "goals must be held against proper priors, got flat ones. Use the default preset.",
     )
     offers = offers_in(certificates or {})
+    require_missing(offers, pilot.instrument)
     require_possible(offers, model, pilot)
     goals = goals_in(model.bind(pilot), stated)
     if forces_N is None:
