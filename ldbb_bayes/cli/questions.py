@@ -7,6 +7,7 @@ the mount, the part that holds the work ball.
 
 from __future__ import annotations
 
+import shutil
 import sys
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
@@ -21,6 +22,7 @@ from ldbb_bayes.cli.values import ball_in
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.reading.import_result import Imported
 from ldbb_bayes.reading.open_question import OpenQuestionError
+from ldbb_bayes.results import wrapped
 
 __all__ = ["MACHINES", "MachineType", "can_ask", "complete_campaign", "import_with_answers"]
 
@@ -148,11 +150,20 @@ def _ask_topology(planes: Sequence[str]) -> str:
         return _read_topology(answer, planes)
 
     typer.echo("What does the machine look like?", err=True)
-    for number, machine in enumerate(MACHINES, start=1):
-        typer.echo(f"  {number}  {machine.name} ({machine.topology}): {machine.looks}", err=True)
+    for line in _lines_of_machines(shutil.get_terminal_size().columns):
+        typer.echo(line, err=True)
     question = f"Its number, or its joints from workpiece to tool (plane {', '.join(planes)})"
     topology: str = _ask(question, "1", read)
     return topology
+
+
+def _lines_of_machines(width: int) -> list[str]:
+    """Return the list `MACHINES` as numbered lines of at most ``width`` characters."""
+    lines = []
+    for number, machine in enumerate(MACHINES, start=1):
+        text = f"{machine.name} ({machine.topology}): {machine.looks}"
+        lines += wrapped(text, width, f"  {number}  ", "     ")
+    return lines
 
 
 def _ask(question: str, default: str, read: Callable[[str], Any]) -> Any:

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 import ldbb_bayes as lb
 from ldbb_bayes.analysis import outlying_tests
 from ldbb_bayes.analysis.comparison import Comparison
-from ldbb_bayes.cli import app, output
+from ldbb_bayes.cli import app, output, questions
 from ldbb_bayes.inference import hyper_posterior
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.results import Table, lines_of
@@ -205,3 +205,12 @@ def test_what_was_written_is_one_line_in_a_file(
     line = f"Written: {', '.join(['/data/machine/report/report.html'] * 9)}"
     output.show_written(line)
     assert capsys.readouterr().out == f"{line}\n"
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_the_list_of_machines_fits_the_terminal(width: int) -> None:
+    lines = questions._lines_of_machines(width)
+    assert max(len(line) for line in lines) <= width
+    assert "wCAFYXZSt" in " ".join(lines)
+    heads = [line for line in lines if re.match(r"  \d  \S", line)]
+    assert len(heads) == len(questions.MACHINES)
