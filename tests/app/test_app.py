@@ -159,6 +159,13 @@ def test_a_direction_that_no_test_states_stands_in_parentheses(tab: Tab) -> None
     assert '<td data-head="Richtung">im Uhrzeigersinn</td>' in page
 
 
+def test_a_single_circle_is_not_called_circles(tab: Tab) -> None:
+    tab.holding(RECOVERED / "f036.csv")
+    assert ": 1 circle, " in tab.ask("GET", "section/understood")[1]
+    tab.ask("POST", "entries", {"language": "de"})
+    assert ": 1 Kreis, " in tab.ask("GET", "section/understood")[1]
+
+
 @pytest.mark.slow
 def test_order_and_drift_are_stated_on_the_page(tab: Tab) -> None:
     tab.holding(*sorted(RECOVERED.glob("f*.csv")))
