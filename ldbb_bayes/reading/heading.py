@@ -22,6 +22,7 @@ from ldbb_bayes.reading.header_rows import count_numbers, heads_loads, is_rule, 
 from ldbb_bayes.reading.header_units import BRACKET, unit_of
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.lines_above import statements_in
+from ldbb_bayes.reading.long_tables import check_has_row_for_each_reading
 from ldbb_bayes.reading.names import LOAD_IN_NAME
 from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
@@ -156,6 +157,7 @@ def find_heading(sheet: Sheet, layout: Layout) -> Heading:
     """
     if is_in_latex(sheet):
         raise _no_table(sheet)
+    check_has_row_for_each_reading(sheet, layout)
     try:
         return _heading_of_table(sheet, layout)
     except InputError as error:
