@@ -61,6 +61,10 @@ def test_a_goal_just_below_what_remains_reads_as_less_than_it(folder: Path, invo
     (numbers,) = re.findall(pattern, text)
     floor, wanted = map(float, numbers)
     assert floor > wanted
+    just_below = json.loads(invoke(*options, f"E_C0YX={goal_urad} urad", "--json")[1])
+    probability = just_below["goals"]["E_C0YX"]["probability_next"]
+    assert probability > 0.05
+    assert f"the next circle meets the goal with probability {probability:.2f}." in text
 
 
 def test_the_aims_are_named(folder: Path, invoke: Invoke) -> None:

@@ -23,6 +23,10 @@ __all__ = [
 
 _TEMPLATES = SentenceFile("next_circle")
 
+# A goal that is out of reach in the mean may be met all the same. This is said if the next circle
+# meets the goal with at least this probability.
+_MAY_BE_MET = 0.05
+
 
 def next_circle_concerns(step: NextCircle) -> tuple[str, ...]:
     """Return warnings of what the readings so far contradict, to be read before anything else."""
@@ -49,7 +53,13 @@ def next_circle_head(step: NextCircle) -> tuple[str, ...]:
             factor, unit = display_unit(goal.unit)
             limit, floor = digits_apart(goal.limit, [goal.U_floor], factor)
             out_of_reach.append(
-                {"name": display_name(name), "floor": f"{floor} {unit}", "limit": f"{limit} {unit}"}
+                {
+                    "name": display_name(name),
+                    "floor": f"{floor} {unit}",
+                    "limit": f"{limit} {unit}",
+                    "may_be_met": goal.probability_next >= _MAY_BE_MET,
+                    "probability_next": goal.probability_next,
+                }
             )
     undecidable = []
     for name, tolerance in step.tolerances.items():
