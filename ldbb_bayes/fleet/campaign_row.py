@@ -264,9 +264,9 @@ def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
     fitted = fit_model(density, settings.sampler, seed=settings.seed, rule=rule, prior_draws=0)
     bound = density.bound
     confounded = confounded_at(bound, fitted.draws.phi.mean(axis=0))
-    words = words_of_fit(fitted.fit, fitted.sampler, bound, confounded)
-    remarks = check_campaign(campaign).remarks
-    odd_readings = [odd for odd in remarks if odd.kind in _ODD_READINGS]
+    preview = check_campaign(campaign)
+    words = words_of_fit(fitted.fit, fitted.sampler, bound, confounded, preview)
+    odd_readings = [odd for odd in preview.remarks if odd.kind in _ODD_READINGS]
     columns: dict[str, Any] = {}
     breakdowns = []
     further = _functions_of_further_columns(settings, campaign, density, fitted)

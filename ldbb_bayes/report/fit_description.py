@@ -15,7 +15,7 @@ from ldbb_bayes.campaign.preview import CampaignPreview, check_campaign
 from ldbb_bayes.campaign.remarks import RemarkKind
 from ldbb_bayes.inference.fit import Fit
 from ldbb_bayes.inference.kept_results import kept
-from ldbb_bayes.inference.posterior import bound_of, fit_of, record_of
+from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, record_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.report import wording
 from ldbb_bayes.results import Shown
@@ -79,6 +79,7 @@ def describe_fit(posterior: xr.DataTree) -> FitWords:
         record_of(posterior)["sampler"],
         bound_of(posterior),
         confounded_in(posterior),
+        check_campaign(campaign_of(posterior)),
     )
 
 
@@ -87,6 +88,7 @@ def words_of_fit(
     sampler: Mapping[str, Any],
     bound: BoundModel,
     confounded: Mapping[str, Sequence[str]],
+    campaign_preview: CampaignPreview,
 ) -> FitWords:
     """Return a description of a fit in words: its state, verdict, misfits and warnings.
 
@@ -104,13 +106,14 @@ def words_of_fit(
     confounded
         Mapping from the names of the confounded parameters and changes with force to the names of
         the effects with which each of them is confounded (`confounded_in`).
+    campaign_preview
+        Preview of the campaign, with remarks on what looks odd (`check_campaign`).
 
     Returns
     -------
     FitWords
         The same as `describe_fit` returns.
     """
-    campaign_preview = check_campaign(bound.campaign)
     warnings = [
         *wording.concern_sentences(fit.concerns, sampler),
         *wording.check_notes(fit),

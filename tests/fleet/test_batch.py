@@ -25,6 +25,7 @@ from batches import CONSTANT, FORCES_N, LINEAR, dataset_bytes, made_row, write_c
 from campaigns import cases, full_disk, plan, refuses, simulated, tidy
 
 import ldbb_bayes as lb
+from ldbb_bayes.campaign import circle_preview, preview
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet.batch import Batch, _named_campaigns
 from ldbb_bayes.fleet.campaign_row import Job, Settings, fit_row
@@ -52,6 +53,21 @@ def fitted(folders: list[str], tmp_path_factory: pytest.TempPathFactory) -> Batc
     return lb.fleet.run_batch(
         folders, tmp_path_factory.mktemp("batch") / "out", tolerances=LIMITS, **OPTIONS
     )
+
+
+def test_a_row_previews_the_readings_of_each_circle_once(
+    folders: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    previewed: list[str] = []
+
+    def counted(test: lb.CircularTest, campaign: lb.Campaign) -> Any:
+        previewed.append(test.name)
+        return circle_preview.preview_test(test, campaign)
+
+    monkeypatch.setattr(preview, "preview_test", counted)
+    row = fit_row(Settings(model_to_toml(LINEAR), ess=ESS), Job(0, folders[0], folders[0]))
+    assert row["status"] == "done"
+    assert previewed == [test.name for test in lb.read_campaign(folders[0]).tests]
 
 
 @pytest.mark.parametrize("text", ["60", "60 µm"])
