@@ -198,6 +198,7 @@ class _VarianceWithChanges(NamedTuple):
     changes: dict[str, CurveChange]  #: changes of compliances with force, by name of compliance
 
 
+@kept
 def _variance_with_changes(posterior: xr.DataTree) -> _VarianceWithChanges:
     """Return the variances of parameters and of compliances' changes with force in a posterior.
 

@@ -28,6 +28,7 @@ __all__ = [
     "ElasticDraws",
     "added_compliances",
     "compliance_curves",
+    "draw_for_joint_loads",
     "elastic_draws",
     "elastic_draws_with",
     "joint_load_circles",
@@ -136,10 +137,19 @@ def elastic_draws(
     -------
     ElasticDraws
     """
-    shared = np.zeros((len(draws.beta), 0))
-    if joint_load_of(draws.bound) is not None:
-        shared = draw_shared(draws.bound, draws.phi, draws.beta, rng)
-    return elastic_draws_with(shared, draws, circles, force_N)
+    return elastic_draws_with(draw_for_joint_loads(draws, rng), draws, circles, force_N)
+
+
+def draw_for_joint_loads(draws: ModelDraws, rng: np.random.Generator) -> Array:
+    """Return random draws of the shared nuisance coefficients for `elastic_draws_with`.
+
+    They are drawn conditional on the readings, on the parameters and on the hyper-parameters, shape
+    (draws, q). If the model has no term `JointLoad`, none of them is needed, and q is 0. ``draws``
+    are the posterior draws of a model, and ``rng`` generates the random numbers.
+    """
+    if joint_load_of(draws.bound) is None:
+        return np.zeros((len(draws.beta), 0))
+    return draw_shared(draws.bound, draws.phi, draws.beta, rng)
 
 
 def elastic_draws_with(

@@ -10,7 +10,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -19,8 +19,13 @@ from pydantic import ValidationError
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.inference.coefficients import ModelDraws, evenly_spaced
-from ldbb_bayes.inference.elastic_deflections import ElasticDraws, compliance_curves, elastic_draws
+from ldbb_bayes.inference.elastic_deflections import (
+    ElasticDraws,
+    draw_for_joint_loads,
+    elastic_draws_with,
+)
 from ldbb_bayes.inference.fit import Fit
+from ldbb_bayes.inference.kept_results import kept
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_from_toml
 from ldbb_bayes.results import Array
@@ -339,18 +344,13 @@ def curves_of(posterior: xr.DataTree, force_N: Array, size: int | None = None) -
     """Return posterior draws of the compliances C(F) at n forces, shape (draws, n, compliances).
 
     ``force_N``, shape (n,), holds the forces F [N]. C(F) is computed from the compliance at the
-    reference force and its slopes (changes with force); see `compliance_curves`. At most ``size``
+    reference force and its slopes (changes with force); see `elastic_draws`. At most ``size``
     draws are used; if ``size`` is None, all draws are used. If the posterior is an average over
     several models, the draws are sorted as in `model_draws_of`: by the alternative explanations
     (effects that look like a change of compliance with force) that their models contain. The random
     draws of effects that are not among the parameters are the same in every call.
     """
-    rng = np.random.default_rng(_SEED)
-    curves = [
-        compliance_curves(draws.bound, draws.phi, draws.beta, force_N, rng)
-        for draws in model_draws_of(posterior, size)
-    ]
-    return np.concatenate(curves)
+    return elastic_draws_of(posterior, (), force_N, size).compliances
 
 
 def elastic_draws_of(
@@ -368,14 +368,35 @@ def elastic_draws_of(
     (effects that look like a change of compliance with force) that their models contain. The random
     draws of effects that are not among the parameters are the same in every call.
     """
-    rng = np.random.default_rng(_SEED)
     by_model = [
-        elastic_draws(draws, circles, force_N, rng) for draws in model_draws_of(posterior, size)
+        elastic_draws_with(of_model.shared, of_model.draws, circles, force_N)
+        for of_model in _draws_for_joint_loads(posterior, size)
     ]
     return ElasticDraws(
         np.concatenate([draws.compliances for draws in by_model]),
         np.concatenate([draws.per_force for draws in by_model]),
     )
+
+
+class _DrawsForJointLoads(NamedTuple):
+    """Posterior draws of a model, with draws of the nuisance coefficients that tests share."""
+
+    draws: ModelDraws
+    #: draws of the q coefficients, see `draw_for_joint_loads`, shape (draws, q)
+    shared: Array
+
+
+@kept
+def _draws_for_joint_loads(posterior: xr.DataTree, size: int | None) -> list[_DrawsForJointLoads]:
+    """Return the draws that `elastic_draws_of` needs, in the order of `model_draws_of`.
+
+    ``size`` is the largest number of draws; None stands for all.
+    """
+    rng = np.random.default_rng(_SEED)
+    return [
+        _DrawsForJointLoads(draws, draw_for_joint_loads(draws, rng))
+        for draws in model_draws_of(posterior, size)
+    ]
 
 
 def to_units(posterior: xr.DataTree) -> xr.DataTree:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 import pytest
 import xarray as xr
 from campaigns import plan, refuses, simulated
 from reports import fitted
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference import kept_results
+from ldbb_bayes.analysis import posterior_verdicts
+from ldbb_bayes.inference import elastic_deflections, kept_results
 from ldbb_bayes.inference.kept_results import kept
+from ldbb_bayes.inference.posterior import curves_of, elastic_draws_of
+from ldbb_bayes.report.fit_record import full_result
 
 
 @pytest.fixture
@@ -81,3 +87,37 @@ def test_two_functions_do_not_mix(posterior: xr.DataTree) -> None:
 def test_what_is_no_posterior_is_refused_by_the_function_itself(posterior: xr.DataTree) -> None:
     refuses("got one in units for reading", lb.analysis.judge_posterior, lb.to_units(posterior))
     refuses("must be a DataTree, got dict", lb.analysis.judge_posterior, {})
+
+
+def counted_calls(monkeypatch: pytest.MonkeyPatch, module: Any, name: str) -> list[str]:
+    """Return a list that grows by one name at every call of a function of a module."""
+    calls: list[str] = []
+    work = getattr(module, name)
+
+    def counted(*args: Any, **kwargs: Any) -> Any:
+        calls.append(name)
+        return work(*args, **kwargs)
+
+    monkeypatch.setattr(module, name, counted)
+    return calls
+
+
+def test_coefficients_of_joint_loads_are_drawn_once_for_all_forces_and_circles(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    posterior = fitted(lb.HybridModel.default(1), simulated(plan()))
+    drawn = counted_calls(monkeypatch, elastic_deflections, "draw_shared")
+    curves = curves_of(posterior, np.array([100.0]))
+    draws = elastic_draws_of(posterior, [0], np.array([100.0, 300.0]))
+    assert len(drawn) == 1
+    np.testing.assert_allclose(draws.compliances[:, :1], curves, rtol=1e-12)
+
+
+def test_the_record_of_a_fit_judges_its_changes_with_force_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    posterior = fitted(lb.HybridModel.default(1), simulated(plan()))
+    drawn = counted_calls(monkeypatch, posterior_verdicts, "_drawn_changes")
+    full_result(posterior, 0.95)
+    posterior_verdicts.judge_quantities(posterior)
+    assert len(drawn) == 1
