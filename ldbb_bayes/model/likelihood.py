@@ -150,10 +150,7 @@ class StructuredGaussian:
         self._shared = observed.shared
         self._tests = len(reduced)
         self._columns = rows.columns
-        _, first, kinds = np.unique(
-            _round_to_ten_digits(rows.variance), axis=0, return_index=True, return_inverse=True
-        )
-        self._kinds = kinds.ravel()
+        first, self._kinds = _group_equal_rows(_round_to_ten_digits(rows.variance))
         # Each row of the array ``rows.variance`` belongs to one observation equation (a reading or
         # the prior of a coefficient), and holds the factors from which the variance of this
         # equation is computed. The nonzero factors of an equation have the same sign. They are
@@ -387,6 +384,22 @@ class StructuredGaussian:
             squares[k] = source.at(value) ** 2
         variance = self._kind_variance @ squares
         return np.maximum(variance, _LEAST_VARIANCE, out=variance)
+
+
+def _group_equal_rows(values: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the index of the first row of every group of equal rows, and the group of each row.
+
+    ``values`` has the shape (rows, columns). The groups are in the order in which `numpy.unique`
+    with ``axis=0`` returns its rows. For rows of many columns, `numpy.unique` takes twenty times as
+    long.
+    """
+    order = np.lexsort(values.T[::-1])
+    in_order = values[order]
+    begins_group = np.ones(len(values), dtype=bool)
+    begins_group[1:] = (in_order[1:] != in_order[:-1]).any(axis=1)
+    group = np.empty(len(values), dtype=np.intp)
+    group[order] = np.cumsum(begins_group) - 1
+    return order[begins_group], group
 
 
 def _round_to_ten_digits(values: Array) -> Array:

@@ -13,6 +13,7 @@ from oracle import Oracle
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.likelihood import _group_equal_rows
 
 
 def two_radii() -> Campaign:
@@ -204,3 +205,20 @@ def test_prior_sd_of_zero_and_scales_of_zero_are_no_column_at_all() -> None:
     np.testing.assert_allclose(conditional.covariance, expected.covariance, rtol=1e-6)
     difference = conditional.mean - expected.mean
     np.testing.assert_allclose(difference / bound.scale, 0.0, atol=1e-9)
+
+
+def test_equal_rows_form_one_group_and_groups_are_in_the_order_of_their_rows() -> None:
+    values = np.array([[2.0, 0.0], [1.0, 3.0], [2.0, -0.0], [1.0, -3.0], [1.0, 3.0]])
+    first, group = _group_equal_rows(values)
+    assert first.tolist() == [3, 1, 0]
+    assert group.tolist() == [2, 1, 2, 0, 1]
+
+
+def test_groups_of_equal_rows_are_those_of_numpy(rng: np.random.Generator) -> None:
+    values = rng.integers(-1, 2, (500, 4)) * 0.1
+    first, group = _group_equal_rows(values)
+    _, expected_first, expected_group = np.unique(
+        values, axis=0, return_index=True, return_inverse=True
+    )
+    np.testing.assert_array_equal(first, expected_first)
+    np.testing.assert_array_equal(group, expected_group.ravel())
