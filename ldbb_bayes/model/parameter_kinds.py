@@ -148,11 +148,11 @@ def check_possible(words: str, parameters: Iterable[str]) -> None:
         if is_compliance_or_slope(example):
             examples += [f"{example}_1", f"{example}_2"]
     for parameter in parameters:
-        require(
-            is_possible(parameter),
-            f"{words} must be a compliance, its change with force or a geometric error, such as"
-            f" C_XXX, C_XXX_1 and E_XX1, got {parameter!r}.{suggestion(parameter, examples)}",
-        )
+        if not is_possible(parameter):
+            raise InputError(
+                f"{words} must be a compliance, its change with force or a geometric error, such as"
+                f" C_XXX, C_XXX_1 and E_XX1, got {parameter!r}.{suggestion(parameter, examples)}"
+            )
 
 
 def is_possible(parameter: str) -> bool:

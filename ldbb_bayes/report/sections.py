@@ -336,7 +336,7 @@ def diagnostics(findings: Findings) -> Iterator[Part]:
     sensitivity = record_of(findings.posterior)["fit"]["sensitivity"]
     yield wording.sampler_words(findings.result["sampler"])
     rows = []
-    for name, row in findings.summary.iterrows():
+    for name, row in findings.summary.to_dict(orient="index").items():
         to_prior = ""
         if name in sensitivity:
             to_prior = f"{sensitivity[name]['prior']:.3f}"
