@@ -123,7 +123,11 @@ def odd(**changes: object) -> lb.Campaign:
 @pytest.mark.parametrize(
     ("changes", "remark"),
     [
-        ({"direction": "CW"}, "stated CW, but the angles run CCW"),
+        (
+            {"direction": "CW"},
+            "stated CW, but the angles run CCW: correct one of them, unless the readings were"
+            " sorted by angle",
+        ),
         ({"angle_deg": np.linspace(0, 220, 360)}, "arc of 220° only"),
         ({"angle_deg": np.linspace(0, 300, 360)}, "arc of 300° only"),
         ({"angle_deg": np.linspace(0, 356, 360)}, "gap of 4.0°"),
