@@ -31,7 +31,6 @@ _ROWS_EXAMINED = 100
 _SEPARATORS = ",;\t|"
 # A message shows this number of names of signals.
 _NAMES_SHOWN = 2
-_ADVICE = "with columns 'Angle [deg]' and 'Deviation [um]'."
 
 
 def check_has_row_for_each_reading(sheet: Sheet, layout: Layout) -> None:
@@ -56,7 +55,7 @@ def check_has_row_for_each_reading(sheet: Sheet, layout: Layout) -> None:
                 raise InputError(
                     f"{sheet.place}, line {row.line}: a table must have one row for each reading,"
                     f" got a pivot table with {cell.strip()!r}. Export the rows that it sums up,"
-                    f" {_ADVICE}"
+                    " with columns 'Angle [deg]' and 'Deviation [um]'."
                 )
         _check_no_signals(sheet, row, sheet.rows[index + 1 : index + 1 + _ROWS_EXAMINED])
 
@@ -82,7 +81,8 @@ def _check_no_signals(sheet: Sheet, header: Row, rows: Sequence[Row]) -> None:
         if is_of_nodes or len(labels) >= _NAMES_SHOWN:
             raise InputError(
                 f"{sheet.place}, line {header.line}: a table must have one row for each reading,"
-                f" got one for each value of {listed}. Export one row for each reading, {_ADVICE}"
+                f" got one for each value of {listed}. Export one row for each reading, with"
+                " columns 'Angle [deg]' and 'Deviation [um]'."
             )
 
 

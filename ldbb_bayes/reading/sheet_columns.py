@@ -449,15 +449,15 @@ def _check_struck_cells(
     columns of numbers, and ``cells`` are the cells of each column of the table.
     """
     for column in columns:
-        struck = []
+        struck_lines = []
         for line, cell in zip(lines, cells[column], strict=True):
             if cell and (line, column) in sheet.struck_cells:
-                struck.append(str(line))
-        if struck:
+                struck_lines.append(str(line))
+        if struck_lines:
             name = heading.headers[column][:LONGEST_NAME] or column + 1
             raise InputError(
-                f"{sheet.place}, line {struck[0]}: rows must hold readings, got numbers struck"
-                f" through in column {name!r}. Empty the cells in lines {shown_list(struck)}. If"
+                f"{sheet.place}, line {struck_lines[0]}: rows must hold readings, got numbers struck"
+                f" through in column {name!r}. Empty the cells in lines {shown_list(struck_lines)}. If"
                 " they are readings, remove the line through them."
             )
 

@@ -392,10 +392,10 @@ def _check_run_in(recording: Recording, angle_deg: Array) -> None:
     if n_turns < 1.0 or beyond_deg < (_MORE_THAN_A_TURN - 1.0) * TURN_DEG:
         recording.note("overshoot_deg", "0°", unread or NOTHING_STATED, "--overshoot-deg")
         return
-    words = "" if unread is None else f" and {unread.quoted!r} in line {unread.line}"
+    hint = "" if unread is None else f" and {unread.quoted!r} in line {unread.line}"
     raise InputError(
         f"{recording.place}: a log longer than whole turns must say how far the machine moved"
-        f" before the circle, got {covered_deg:.0f}° of readings{words}. Give --overshoot-deg"
+        f" before the circle, got {covered_deg:.0f}° of readings{hint}. Give --overshoot-deg"
         " (0 if the first reading is on the circle)."
     )
 
