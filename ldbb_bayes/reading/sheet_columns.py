@@ -456,8 +456,9 @@ def _check_struck_cells(
         if struck_lines:
             name = heading.headers[column][:LONGEST_NAME] or column + 1
             raise InputError(
-                f"{sheet.place}, line {struck_lines[0]}: rows must hold readings, got numbers struck"
-                f" through in column {name!r}. Empty the cells in lines {shown_list(struck_lines)}. If"
+                f"{sheet.place}, line {struck_lines[0]}: rows must hold readings, got numbers"
+                f" struck through in column {name!r}. Empty the cells in lines"
+                f" {shown_list(struck_lines)}. If"
                 " they are readings, remove the line through them."
             )
 
