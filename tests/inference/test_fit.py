@@ -189,4 +189,4 @@ def test_a_zero_that_was_not_set_is_told(recovered: lb.Campaign) -> None:
     sd = 1.0 / np.sqrt(constant @ np.linalg.solve(covariance, constant))
     assert first.limit == pytest.approx(3.0 * sd, rel=0.1)
     (sentence,) = concern_sentences((first,), {})
-    assert sentence.startswith("All readings lie about +13")
+    assert sentence.startswith("All readings contain a constant of about +13")
