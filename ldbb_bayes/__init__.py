@@ -17,7 +17,7 @@ import lazy_loader
 
 from ldbb_bayes.deprecation import NEW_NAMES, warn_of_new_name
 
-__version__ = "0.2.0"
+__version__ = "0.3.0.dev0"
 
 _import_public_name, _names, _public = lazy_loader.attach_stub(__name__, __file__)
 __all__ = ["__version__", *_public]

@@ -21,9 +21,14 @@ def stated(tree: Path) -> str:
 
 
 def test_package_citation_and_changelog_have_one_version(root: Path) -> None:
-    newest, day = re.findall(r"^## (\S+) \((.*?)\)$", stated(root), re.M)[0]
-    assert re.findall(r"^version: (.*)$", stated(root), re.M) == [lb.__version__]
-    assert (newest == lb.__version__) != (day == "unreleased")
+    """Before its release a version is a development version, so that no sheet states the last one;
+    what one cites is the last release."""
+    versions = re.findall(r"^## (\S+) \((.*?)\)$", stated(root), re.M)
+    newest, day = versions[0]
+    released = [version for version, when in versions if when != "unreleased"]
+    expected = f"{newest}.dev0" if day == "unreleased" else newest
+    assert lb.__version__ == expected
+    assert re.findall(r"^version: (.*)$", stated(root), re.M) == released[:1]
 
 
 def newest_section(root: Path) -> str:
