@@ -27,6 +27,13 @@ _PRINCIPAL = ("k_1", "k_2", "k_3")
 # Probability of the intervals in batches that do not state it, because they were written before
 # batches had a column for it: the default of such a batch.
 _UNSTATED_PROBABILITY = 0.95
+# Names that people read, as on the sheets, of quantities whose names in files are others.
+_SHOWN_NAMES = {
+    "k_ratio": "k_max / k_min",
+    "softest_direction": "softest direction",
+    "stiffest_direction": "stiffest direction",
+    "principal_axis": "softer principal axis ψ",
+}
 # Text of a table cell for a quantity that the readings do not determine.
 _NOT_DETERMINED = "not determined"
 
@@ -205,11 +212,22 @@ def _unit_of(name: str) -> str:
     return "deg"
 
 
+def _shown_name(name: str) -> str:
+    """Return the name that people read of a quantity, with the plane in brackets if it has one.
+
+    ``name`` is the name of the quantity in files, such as ``k_ratio_YZ``.
+    """
+    plane = _PLANE.search(name)
+    quantity = name if plane is None else name[: plane.start()]
+    shown = _SHOWN_NAMES.get(quantity, quantity.replace("_minus_", " − "))
+    return shown if plane is None else f"{shown} ({plane[1]})"
+
+
 def stiffness_table(series: Mapping[str, Sequence[StiffnessOfVisit]]) -> Table:
     """Return a table of the stiffness by direction in the first and in the newest campaign.
 
     The heads of the columns state the reference forces of the two campaigns. The caption states the
-    probability of the intervals.
+    probability of the intervals. The quantities have the names that the sheets have for them.
     """
     first_visits = next(iter(series.values()))
     first = f"first, at {first_visits[0].force_N:g} N"
@@ -219,6 +237,9 @@ def stiffness_table(series: Mapping[str, Sequence[StiffnessOfVisit]]) -> Table:
     rows = []
     heads = ("quantity", first, newest)
     for name, visits in series.items():
-        rows.append((name.replace("_minus_", " − "), visits[0].text, visits[-1].text))
-    caption = f"Stiffness by direction, each campaign alone, {percent} intervals of its batch"
+        rows.append((_shown_name(name), visits[0].text, visits[-1].text))
+    caption = (
+        f"Stiffness by direction, each campaign alone, {percent} intervals of its batch; angles are"
+        " from the plane's first axis"
+    )
     return Table.of(caption, heads, rows, text=heads[1:])

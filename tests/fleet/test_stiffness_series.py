@@ -188,3 +188,25 @@ def test_a_lower_limit_of_a_ratio_has_no_unit() -> None:
         rows[f"k_ratio.{number}"] = [None]
     rows["k_ratio.ci_low"] = [1.2]
     assert stiffness_series(rows, ["first"])["k_ratio"][0].text == "at least 1.2"
+
+
+def test_a_trend_calls_quantities_as_the_sheets_do() -> None:
+    names = ("k_min", "k_ratio", "softest_direction", "stiffest_direction", "principal_axis")
+    planes = ["XY", "XY"]
+    rows = table_of({name: [1.0, 2.0] for name in names}, planes)
+    table = stiffness_table(stiffness_series(rows, ["first", "second"]))
+    assert [row[0] for row in table.rows] == [
+        "k_min",
+        "k_max / k_min",
+        "softest direction",
+        "stiffest direction",
+        "softer principal axis ψ",
+    ]
+    assert "from the plane's first axis" in table.caption
+
+
+def test_a_trend_over_planes_names_the_plane_behind_the_quantity() -> None:
+    values = {"k_ratio_XY": [1.0, 1.0], "k_min_YZ": [2.0, 2.0]}
+    rows = table_of(values, ["XY,YZ", "XY,YZ"])
+    table = stiffness_table(stiffness_series(rows, ["first", "second"]))
+    assert [row[0] for row in table.rows] == ["k_max / k_min (XY)", "k_min (YZ)"]
