@@ -37,6 +37,7 @@ __all__ = [
     "AngleConvention",
     "angle_convention",
     "angle_of_axis",
+    "header_of_quadrants",
     "header_of_rotary_axis",
     "header_of_rotation",
     "is_about_angles",
@@ -100,6 +101,8 @@ _TRAVELLED = re.compile(_WORDS["travelled"], re.IGNORECASE)
 _ROTATION = re.compile(_WORDS["rotation"], re.IGNORECASE)
 # Regular expression for the name of a rotary axis of the machine, such as "C axis".
 _ROTARY_AXIS = re.compile(_WORDS["rotary_axis"], re.IGNORECASE)
+# Regular expression for the header of a column that says in which quadrant an angle lies.
+_QUADRANT = re.compile(_WORDS["quadrant"], re.IGNORECASE)
 # Regular expression for words that mean an angle.
 _ANGLE = re.compile(_WORDS["angle"], re.IGNORECASE)
 # Regular expression for words which show that an axis in the same text is not the axis at which
@@ -209,6 +212,18 @@ def header_of_rotary_axis(recording: Recording) -> str:
         return ""
     header = _header_of_angles(recording)
     return header if _ROTARY_AXIS.search(header) else ""
+
+
+def header_of_quadrants(recording: Recording) -> str:
+    """Return the header of a column, beside the angles, that says in which quadrant they lie.
+
+    The result is empty if there is no such column.
+    """
+    heading = recording.heading
+    for column, header in enumerate(heading.headers):
+        if column != heading.roles.get("angle") and _QUADRANT.search(header):
+            return header
+    return ""
 
 
 def _sense_of_travelled_angle(recording: Recording) -> str:

@@ -11,6 +11,7 @@ from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.reading.angle_convention import (
     angle_convention,
+    header_of_quadrants,
     header_of_rotary_axis,
     header_of_rotation,
 )
@@ -68,6 +69,9 @@ _FEWEST_ANGLES_OF_TURN = 4
 _MORE_THAN_A_TURN = 1.02
 # Angles from 0 to 360, with rounding, are those of one turn whose first angle stands again [deg].
 _CLOSED_TURN_DEG = 360.01
+# Angles that span no more than a quarter of a turn, with rounding, may be those within a quadrant
+# [deg].
+_QUADRANT_DEG = 90.01
 # Words for the directions of travel and the senses of angles.
 _IN_WORDS = {"CW": "clockwise", "CCW": "counter-clockwise"}
 # An error message shows at most this number of computed columns, and of characters of a header.
@@ -209,6 +213,7 @@ def _angles_of_column(recording: Recording, direction: str | None) -> Array:
     assumed = recording.assumed_units.get("angle", _DEGREES)
     size = unit_size(recording, "angle", assumed.unit, assumed.reason)
     _check_unit_of_angles(recording, raw * size)
+    _check_quadrants(recording, raw * size)
     convention = angle_convention(recording, _plane_of(recording))
     angle = convention.sign * (raw * size - convention.offset_deg)
     return np.unwrap(angle, period=TURN_DEG)
@@ -230,6 +235,20 @@ def _check_unit_of_angles(recording: Recording, angle_deg: Array) -> None:
             "angle_unit",
             [*UNITS["angle"], count],
         )
+
+
+def _check_quadrants(recording: Recording, angle_deg: Array) -> None:
+    """Raise an error if angles are counted anew in each quadrant, which a column beside them names.
+
+    ``angle_deg`` are the angles of all readings, shape (n,) [deg].
+    """
+    header = header_of_quadrants(recording)
+    require(
+        not header or float(np.ptp(angle_deg)) > _QUADRANT_DEG,
+        f"{recording.place}: angles must run around the circle, got {header!r} in line"
+        f" {recording.heading.line} and angles within a quadrant. Replace them by angles around the"
+        " circle, 0° to 360°.",
+    )
 
 
 def _unit_of_counts(n_turns: float) -> str:
@@ -543,6 +562,13 @@ def _check_direction(recording: Recording, trace: Trace, n_laps: float) -> None:
             f" {run}."
         )
     header = header_of_rotation(recording)
+    require(
+        not header or rises,
+        f"{header!r} must count from an axis, got direction {trace.direction} and angles that run"
+        f" {run}. They fall, and an angle travelled from the start rises. If it is counted"
+        " clockwise, give --angle-sense CW; if it is counted counter-clockwise and the rows were"
+        " put in another order, give --angle-sense CCW.",
+    )
     require(
         not header,
         f"{header!r} must count from an axis, got direction {trace.direction} and angles that run"
