@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design import Costs, GoalDesign, GoalPlan
-from ldbb_bayes.analysis.design.certificate_offers import offers_in
+from ldbb_bayes.analysis.design.certificate_offers import offers_in, require_missing
 from ldbb_bayes.analysis.design.goals import USUAL_PROBABILITY, goals_in
+from ldbb_bayes.analysis.design.possible_certificates import require_possible
 from ldbb_bayes.app.fields import RESULT, linear_model, typed_value
 from ldbb_bayes.app.goal_fields import GOAL_PREFIX, goal_texts, goals_typed
 from ldbb_bayes.app.operator_rows import circle_rows, effort_row, pilot_row
@@ -144,7 +145,8 @@ def wrong_entry(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
     """
     campaign = folder / RESULT / "campaign"
     require(campaign.is_dir(), "a plan must follow a fit, got none yet. Fit first.")
-    bound = linear_model().bind(lb.read_campaign(campaign))
+    pilot = lb.read_campaign(campaign)
+    bound = linear_model().bind(pilot)
     name = ""
     try:
         for parameter, text in goal_texts(asked).items():
@@ -152,21 +154,25 @@ def wrong_entry(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
             goals_in(bound, goals_typed({parameter: text}))
         for field in SEARCH_FIELDS:
             name = field.name
-            _check_entry(name, _option_value(name, asked, folder))
+            _check_entry(name, _option_value(name, asked, folder), pilot)
     except InputError as error:
         return {"refused": refusal(error, folder), "wrong": name}
     return {}
 
 
-def _check_entry(name: str, value: Any) -> None:
+def _check_entry(name: str, value: Any, pilot: lb.Campaign) -> None:
     """Raise an `InputError` if an option of the search for the cheapest campaign is not valid.
 
     ``name`` is the name of the option, and ``value`` its value. The value None is not checked.
+    ``pilot`` is the campaign that the search starts from: a certificate must not state what the
+    campaign states already, and its readings must not contradict the certificate.
     """
     if value is None:
         return
     if name == _CERTIFICATES:
-        offers_in(value)
+        offers = offers_in(value)
+        require_missing(offers, pilot.instrument)
+        require_possible(offers, linear_model(), pilot)
     elif name == _PROBABILITY:
         check_probability(value, name)
     else:

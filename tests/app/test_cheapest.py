@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -280,6 +281,35 @@ def test_certificates_may_be_named_in_german(fitted: Path) -> None:
 
     assert cheapest.wrong_entry(fitted, {"certificates": balls}) == {}
     assert cheapest.wrong_entry(fitted, {"certificates": without_balls}) == {}
+
+
+def test_a_certificate_that_the_campaign_has_is_refused_before_the_search(
+    fitted: Path, tmp_path: Path
+) -> None:
+    pilot = lb.read_campaign(fitted / "result" / "campaign")
+    certified = replace(pilot, instrument=replace(pilot.instrument, bar_U_um=1.0))
+    lb.write_campaign(certified, tmp_path / "result" / "campaign")
+
+    refused = cheapest.wrong_entry(tmp_path, {"certificates": "bar=150"})
+    assert refused["wrong"] == "certificates"
+    assert "must state what the campaign does not state yet" in refused["refused"]
+    assert in_language(refused["refused"], "de") is not None
+    assert cheapest.wrong_entry(tmp_path, {"certificates": "mount=150"}) == {}
+
+
+def test_a_certificate_that_the_readings_contradict_is_refused_before_the_search(
+    fitted: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "ldbb_bayes.analysis.design.possible_certificates._contradicted",
+        lambda _model, _pilot, certificates: tuple(certificates),
+    )
+    refused = cheapest.wrong_entry(fitted, {"certificates": "balls G3=100"})
+    assert refused["wrong"] == "certificates"
+    assert "must agree with the readings" in refused["refused"]
+    german = in_language(refused["refused"], "de")
+    assert german is not None
+    assert "Kugeln vom Grad G3" in german
 
 
 def test_entries_that_can_be_used_are_not_refused(fitted: Path) -> None:
