@@ -12,7 +12,7 @@ from ldbb_bayes.app.cheapest import SEARCH_FIELDS
 from ldbb_bayes.app.fields import FIELDS
 from ldbb_bayes.app.page_words import words_of_page
 from ldbb_bayes.files import LARGEST_TABLE_BYTES
-from ldbb_bayes.report.message_translation import in_language
+from ldbb_bayes.report.message_translation import in_language, subject_in_language
 
 __all__ = ["LARGEST_FILE", "MOST_FILES", "Templates"]
 
@@ -43,6 +43,19 @@ def _in_language_of_page(context: jinja2.runtime.Context, message: str) -> str |
     return in_language(message, context["language"], names)
 
 
+@jinja2.pass_context
+def _subject_in_language_of_page(context: jinja2.runtime.Context, subject: str) -> str:
+    """Return the name of what a note on imported files is about, in the language of the page.
+
+    The page may have a name of its own for it. ``context`` holds the values with which the template
+    is filled.
+    """
+    own_names = context["w"]["what"]
+    if subject in own_names:
+        return str(own_names[subject])
+    return subject_in_language(subject, context["language"]) or subject
+
+
 class Templates:
     """Templates of the browser page and of its sections; all inserted text is escaped."""
 
@@ -55,6 +68,7 @@ class Templates:
         )
         self._environment.filters["number"] = _with_decimal_mark
         self._environment.filters["in_language"] = _in_language_of_page
+        self._environment.filters["subject"] = _subject_in_language_of_page
 
     def show(self, name: str, language: str, *, names: Sequence[str] = (), **values: Any) -> str:
         """Return the page, or a section of the page, as HTML.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cache, partial
@@ -30,6 +30,7 @@ from ldbb_bayes.report import fit_tables, wording
 from ldbb_bayes.report.conformity_tables import conformity_table
 from ldbb_bayes.report.fit_record import full_result, result_at_force
 from ldbb_bayes.report.page import REPORT_FILES, Document
+from ldbb_bayes.report.terminal_translation import printed_in_language
 from ldbb_bayes.units import U_PROBABILITY
 
 if TYPE_CHECKING:
@@ -161,9 +162,15 @@ def report_files(
                 progress=begin_step("page"),
             )
             _write_beside_page(staging, fit, fit_result, imported, analyses)
-    parts = _printed_parts(source_campaign, stated_posterior, stated_result, analyses, settings)
+    names = [campaign.name, *(test.name for test in campaign.tests)]
+    for path in source.paths:
+        names += [str(path), path.name]
+    parts = _printed_parts(
+        source_campaign, stated_posterior, stated_result, analyses, settings, names
+    )
     if not settings["sheets_only"]:
         parts += _printed_annex(analyses)
+    parts = printed_in_language(parts, settings["language"], names)
     return WrittenReport(document, parts, record_of(fit)["sampler"]["converged"])
 
 
@@ -412,13 +419,16 @@ def _printed_parts(
     result: dict[str, Any],
     analyses: _Analyses,
     settings: Mapping[str, Any],
+    names: Sequence[str],
 ) -> tuple[Any, ...]:
     """Return the assumptions, remarks and results of a report, to be printed at the terminal.
 
     ``source`` is the campaign with the record of its import. ``stated`` is the posterior whose
     results are stated: the average over constant and linear compliance or, if there is no average,
     the fit of linear compliance. ``result`` is the summary of ``stated``. ``analyses`` are the
-    further results of the report. ``settings`` are the options of the report.
+    further results of the report. ``settings`` are the options of the report, and ``names`` the
+    names of files and tests. The assumptions are in the language of the report, all else is in
+    English.
     """
     reference_N = bound_of(stated).setting.reference_force_N
     force_N = settings.get("force_N") or force_to_state(campaign_of(stated), reference_N)
@@ -442,7 +452,7 @@ def _printed_parts(
         result_of_U=result_of_U,
     )
     parts: list[Any] = [
-        *assumed_parts(campaign, source.imported),
+        *assumed_parts(campaign, source.imported, settings["language"], names),
         *wording.preview_sentences(lb.check_campaign(campaign)),
         heading,
         table,

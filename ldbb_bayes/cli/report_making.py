@@ -28,7 +28,8 @@ from ldbb_bayes.files import check_target, staged_folder
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, record_of
 from ldbb_bayes.report.page import BESIDE, REPORT_FILES, Document, check_report_target
 from ldbb_bayes.report.pictures import PICTURES
-from ldbb_bayes.report.translation import check_language
+from ldbb_bayes.report.terminal_translation import printed_in_language
+from ldbb_bayes.report.translation import check_language, words_of
 from ldbb_bayes.results import Passage, Table
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ def make_report(
                 lb.figures.save_figure(
                     picture.figure, staging, picture.key, formats=_FIGURE_FORMATS
                 )
-    _print_report(output, written, figures)
+    _print_report(output, written, figures, settings["language"])
     if not written.converged:
         raise typer.Exit(EXIT_MISSED)
 
@@ -106,8 +107,10 @@ def report_figure_files() -> tuple[str, ...]:
     return figure_files(PICTURES, _FIGURE_FORMATS)
 
 
-def _print_report(output: Output, written: WrittenReport, figures: Path | None) -> None:
-    """Print a report that was written into a folder.
+def _print_report(
+    output: Output, written: WrittenReport, figures: Path | None, language: str
+) -> None:
+    """Print a report that was written into a folder, in the language of its sheets.
 
     With the option ``--json``, the content of the file report.json is printed. Without this option,
     the results are printed in words, with the sentence of the first sheet on whether they can be
@@ -118,7 +121,8 @@ def _print_report(output: Output, written: WrittenReport, figures: Path | None) 
     if output.as_json:
         typer.echo((folder / "report.json").read_text(encoding="utf-8"), nl=False)
         return
-    alerts = [f"Note: {alert}" for alert in written.document.alerts]
+    words = words_of(language)
+    alerts = [words("terminal.note", text=alert) for alert in written.document.alerts]
     state = written.document.state_and_cure
     if written.warns_first:
         show(state, *alerts, *written.parts)
@@ -126,9 +130,10 @@ def _print_report(output: Output, written: WrittenReport, figures: Path | None) 
         show(*written.parts, *alerts, state)
     if output.quiet:
         return
-    line = f"Written: {', '.join(f'{folder}/{name}' for name in REPORT_FILES)}"
+    files = ", ".join(f"{folder}/{name}" for name in REPORT_FILES)
+    line = words("terminal.written", files=files)
     if figures is not None:
-        line += f"; figures: {figures}"
+        line += words("terminal.figures", folder=str(figures))
     show_written(line)
 
 
@@ -186,7 +191,10 @@ def _report_fits(source: ReportSource, output: Output, settings: dict[str, Any])
         )
     notes: list[Passage] = []
     for name, posterior in _posteriors_by_name(posteriors, paths).items():
-        notes += notes_on_campaign(campaign_of(posterior), name=name)
+        campaign = campaign_of(posterior)
+        names = [name, *(test.name for test in campaign.tests)]
+        in_english = notes_on_campaign(campaign, name=name)
+        notes += printed_in_language(in_english, settings["language"], names)
     return WrittenReport(
         document,
         (*notes, *_printed_differences(document)),

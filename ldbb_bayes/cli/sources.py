@@ -20,6 +20,7 @@ from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.reading.assumptions import Assumption
 from ldbb_bayes.reading.import_result import Imported
 from ldbb_bayes.report import import_text, wording
+from ldbb_bayes.report.terminal_translation import assumption_in_language
 
 __all__ = [
     "ReportSource",
@@ -54,7 +55,12 @@ def has_unstated_balls(campaign: lb.Campaign) -> bool:
     return campaign.instrument.work == campaign.instrument.tool == lb.Ball()
 
 
-def assumed_parts(campaign: lb.Campaign, imported: Imported | None) -> tuple[Any, ...]:
+def assumed_parts(
+    campaign: lb.Campaign,
+    imported: Imported | None,
+    language: str = "en",
+    names: Sequence[str] = (),
+) -> tuple[Any, ...]:
     """Return tables and sentences on the assumptions about imported files and about the balls.
 
     If the campaign states nothing about the form deviations of the two balls, one sentence says
@@ -68,6 +74,10 @@ def assumed_parts(campaign: lb.Campaign, imported: Imported | None) -> tuple[Any
     imported
         Record of the import of the tables, with the assumptions made; None if the campaign was not
         imported.
+    language
+        Code of the language in which the assumptions are stated. The heading is English.
+    names
+        Names of files and tests, which are not translated.
 
     Returns
     -------
@@ -86,6 +96,9 @@ def assumed_parts(campaign: lb.Campaign, imported: Imported | None) -> tuple[Any
             "--balls, --work-ball, --tool-ball",
         )
         assumptions = (*assumptions, balls)
+    assumptions = tuple(
+        assumption_in_language(assumption, language, names) for assumption in assumptions
+    )
     if imported is None:
         return tuple(wording.assumption_words(assumption) for assumption in assumptions)
     return tuple(import_text.parts_of(replace(imported, assumptions=assumptions)))

@@ -9,13 +9,13 @@ translated.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from ldbb_bayes.report.text_translation import TextTranslation, catalogue_of
 from ldbb_bayes.report.translation import words_of
 
-__all__ = ["OwnWords", "in_language", "is_own_text"]
+__all__ = ["OwnWords", "in_language", "is_own_text", "subject_in_language"]
 
 # Parts of a message that are the same in every language: text in quotation marks as Python writes
 # it, and names of files such as campaign.toml. The apostrophe in "ball's" is no quotation mark.
@@ -121,7 +121,35 @@ class OwnWords:
         return chr(mark)
 
 
-def in_language(message: str, language: str, names: Iterable[str] = ()) -> str | None:
+def subject_in_language(subject: str, language: str) -> str | None:
+    """Return the name, in another language, of what a note on imported files is about.
+
+    Parameters
+    ----------
+    subject
+        The subject in English, such as "force_N" or "left out".
+    language
+        Code of the language, such as ``de``.
+
+    Returns
+    -------
+    str or None
+        The name from the catalogue templates/subjects_<language>.toml. If this catalogue does not
+        have the subject, it is translated like a message; see `in_language`.
+    """
+    catalogue = catalogue_of(language, "subjects")
+    if catalogue is not None and subject in catalogue.entries:
+        return catalogue.entries[subject]
+    return in_language(subject, language)
+
+
+def in_language(
+    message: str,
+    language: str,
+    names: Iterable[str] = (),
+    *,
+    catalogues: Sequence[str] = ("annex", "messages"),
+) -> str | None:
     """Return a message in another language.
 
     Parameters
@@ -132,6 +160,9 @@ def in_language(message: str, language: str, names: Iterable[str] = ()) -> str |
         Code of the language, such as ``de``.
     names
         Names of files, tests and campaigns, which are not translated.
+    catalogues
+        Names of the catalogues in which the message is looked up, such as ``annex`` for the file
+        templates/annex_de.toml.
 
     Returns
     -------
@@ -140,7 +171,7 @@ def in_language(message: str, language: str, names: Iterable[str] = ()) -> str |
         translated texts). The message is returned unchanged if the language has no catalogues,
         as is the case for English.
     """
-    catalogue = catalogue_of(language, "annex", "messages")
+    catalogue = catalogue_of(language, *catalogues)
     if catalogue is None:
         return message
     kept = frozenset(names)

@@ -27,7 +27,7 @@ __all__ = ["banner", "banner_of_fit", "undetermined_texts"]
 # largest number of reasons for caution that the banner of the test certificate states
 _MOST_REASONS = 2
 # The banner of a report states whether the results can be used, and why. If a reason concerns at
-# most this many quantities, their names are written in words; otherwise their symbols are written.
+# most this many quantities, their symbols are written behind their names; otherwise alone.
 _MOST_IN_WORDS = 2
 # largest number of undetermined quantities that the test certificate lists
 _MOST_UNDETERMINED = 12
@@ -221,9 +221,9 @@ def _mirrored_tests(preview: CampaignPreview) -> list[str]:
 def _labels(names: Sequence[str], quantities: Mapping[str, StatedQuantity]) -> list[str]:
     """Return labels for quantities that a sentence in the report's banner mentions.
 
-    ``names`` are the names of the quantities. If there are at most two, the labels are words; if
-    there are more, the labels are symbols. Names that are not in ``quantities``, such as names of
-    tests and of hyper-parameters, are returned unchanged.
+    ``names`` are the names of the quantities. If there are at most two, the labels are words, each
+    with its symbol; if there are more, the labels are symbols. Names that are not in
+    ``quantities``, such as names of tests and of hyper-parameters, are returned unchanged.
     """
     labels = []
     for name in names:
@@ -232,7 +232,7 @@ def _labels(names: Sequence[str], quantities: Mapping[str, StatedQuantity]) -> l
         elif len(names) > _MOST_IN_WORDS:
             labels.append(quantities[name].symbol)
         else:
-            labels.append(quantities[name].words)
+            labels.append(f"{quantities[name].words} ({quantities[name].symbol})")
     return labels
 
 

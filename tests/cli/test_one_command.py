@@ -339,6 +339,26 @@ def test_at_most_three_questions(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("quick")
+def test_a_german_report_speaks_german_at_the_terminal(
+    files: list[Path], tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All but names, options, and the reason why this test compares and designs nothing."""
+    monkeypatch.setenv("COLUMNS", "5000")  # so that no name of a file is broken
+    out = tmp_path / "out"
+    options = ("--language", "de", "--yes", "--tolerance", "C_XXX=60 nm/N")
+    code, stdout, stderr = invoke("report", *files, "--out", out, *options)
+    assert code == 0, stderr
+    text = stdout.replace(NOT_COMPARED, "").replace(str(tmp_path), "")
+    for path in files:
+        text = text.replace(path.name, "")
+    english = r"\b(the|of|and|with|is|are|by|which|not|from|to|for|each|nothing|verdict|value)\b"
+    assert not [line for line in text.splitlines() if re.search(english, line)]
+    for words in ("Angenommen (mit der genannten Option zu ändern)", "Urteil", "Geschrieben:"):
+        assert words in text
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("quick")
 def test_without_a_terminal_what_is_assumed_is_said(
     files: list[Path], tmp_path: Path, invoke: Invoke
 ) -> None:

@@ -15,7 +15,6 @@ import messages
 import pytest
 from campaigns import Invoke
 
-from ldbb_bayes.app.page_words import words_of_page
 from ldbb_bayes.reading.assumptions import AssumptionLog
 from ldbb_bayes.report.message_translation import in_language, is_own_text
 from ldbb_bayes.report.wording.fixed_texts import SENTENCES
@@ -27,11 +26,12 @@ CASES = {
 }
 # English words that no German message has.
 ENGLISH = re.compile(r"\b(the|of|and|with|is|are|by|which|not|from|to|for|each|this|that|must)\b")
-SUBJECTS = words_of_page("de")["what"]
+TEMPLATES = files("ldbb_bayes.report") / "templates"
+SUBJECTS = tomllib.loads((TEMPLATES / "subjects_de.toml").read_text(encoding="utf-8"))["subjects"]
 
 
 def catalogue() -> dict[str, str]:
-    source = files("ldbb_bayes.report") / "templates" / "messages_de.toml"
+    source = TEMPLATES / "messages_de.toml"
     entries: dict[str, str] = {}
     for table in tomllib.loads(source.read_text(encoding="utf-8")).values():
         assert not entries.keys() & table.keys()

@@ -365,21 +365,36 @@ def _explanation(trace_data: _TraceData) -> tuple[str, ...]:
     for plane in trace_data.bound.setting.tested_planes:
         planes_by_marks.setdefault(_marks(trace_data, plane), []).append(plane)
     count = len(trace_data.bound.setting.tested_planes)
-    paragraphs: list[str] = []
-    for marks, planes in planes_by_marks.items():
-        name = f"{trace_data.words['plane']} {', '.join(planes)}:"
-        is_named = len(planes_by_marks) > 1
-        if count == 1:
-            paragraphs += [", ".join(marks[:-1]), marks[-1]]
-        elif count == 2:
-            paragraphs += [name, *marks] if is_named else marks
-        else:
-            text = ", ".join(marks)
-            paragraphs.append(f"{name} {text}" if is_named else text)
     lines: list[str] = []
-    for paragraph in paragraphs:
-        lines += textwrap.wrap(paragraph, _CHARACTERS[count])
+    for marks, planes in planes_by_marks.items():
+        is_named = len(planes_by_marks) > 1
+        name = f"{trace_data.words['plane']} {', '.join(planes)}:"
+        if count == 1:
+            lines += _lines_of_marks(marks[:-1], _CHARACTERS[count])
+            lines += _lines_of_marks(marks[-1:], _CHARACTERS[count])
+        elif count == 2:
+            for mark in (name, *marks) if is_named else marks:
+                lines += textwrap.wrap(mark, _CHARACTERS[count])
+        else:
+            first = f"{name} {marks[0]}" if is_named else marks[0]
+            lines += _lines_of_marks((first, *marks[1:]), _CHARACTERS[count])
     return tuple(lines)
+
+
+def _lines_of_marks(marks: Sequence[str], longest: int) -> list[str]:
+    """Return texts on marks, separated by commas, in lines of at most ``longest`` characters.
+
+    A line ends between two texts. Only a text that is itself too long is broken between its words.
+    """
+    lines: list[str] = []
+    for k, mark in enumerate(marks):
+        is_last = k == len(marks) - 1
+        text = mark if is_last else f"{mark},"
+        if lines and len(lines[-1]) + 1 + len(text) <= longest:
+            lines[-1] += f" {text}"
+        else:
+            lines += textwrap.wrap(text, longest)
+    return lines
 
 
 def _marks(trace_data: _TraceData, plane: str) -> tuple[str, ...]:
