@@ -31,7 +31,7 @@ _LARGEST_EXPANSION = 20
 _SMALL_FILE_BYTES = 2**20
 
 
-def save(posterior: xr.DataTree, path: str | os.PathLike[str]) -> Path:
+def save(posterior: xr.DataTree, path: str | os.PathLike[str], *, force: bool = False) -> Path:
     """Write a posterior to one netCDF file (h5netcdf).
 
     If an error occurs, no file is written, and an existing file of this name is not changed.
@@ -41,7 +41,9 @@ def save(posterior: xr.DataTree, path: str | os.PathLike[str]) -> Path:
     posterior : DataTree
         Posterior from `sample`, `load` or `average`.
     path : str or os.PathLike
-        Name of the file to write; a file of this name is replaced.
+        Name of the file to write.
+    force : bool, default False
+        Whether an existing file of this name may be replaced.
 
     Returns
     -------
@@ -51,7 +53,8 @@ def save(posterior: xr.DataTree, path: str | os.PathLike[str]) -> Path:
     Raises
     ------
     InputError
-        For a file that cannot be written, or a posterior from `to_units`.
+        If the file exists and ``force`` is false; for a file that cannot be written, or a posterior
+        from `to_units`.
 
     Examples
     --------
@@ -62,6 +65,11 @@ def save(posterior: xr.DataTree, path: str | os.PathLike[str]) -> Path:
     True
     """
     target = Path(path)
+    require(
+        force or not target.exists(),
+        f"{target} must not exist, got an existing one. Choose another name, or replace it:"
+        " force=True.",
+    )
     # Raise an error if the posterior has no record (the JSON text that states how the posterior was
     # made).
     record_of(posterior)

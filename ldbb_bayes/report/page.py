@@ -330,8 +330,8 @@ def write_report(
     posterior : DataTree
         Posterior from `sample` or `load`.
     folder : path
-        Folder for the report. The folder is made if it does not exist. Files in the folder that do
-        not belong to a report are kept.
+        Folder for the report. The folder is made if it does not exist. An earlier report in it is
+        replaced; files that do not belong to a report are kept.
     beside_it : mapping of name to DataTree, optional
         Posteriors of other campaigns that the report compares with this campaign.
     same_instrument : bool

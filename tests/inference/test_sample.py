@@ -303,6 +303,17 @@ def of_edition(posterior: xr.DataTree, preset: str, edition: int | None) -> xr.D
     return changed
 
 
+def test_a_saved_posterior_is_replaced_only_on_request(
+    tmp_path: Path, posterior: xr.DataTree
+) -> None:
+    """The rule of --force: what took a computation is not lost without a word."""
+    file = lb.save(posterior, tmp_path / "posterior.nc")
+    written = file.read_bytes()
+    refuses(r"posterior.nc must not exist, got an existing one", lb.save, posterior, file)
+    assert file.read_bytes() == written
+    assert lb.save(posterior, file, force=True) == file
+
+
 @pytest.mark.parametrize(("edition", "stated_edition"), [(None, "an earlier one"), (2, "2")])
 def test_fits_of_an_earlier_edition_of_the_default_model_are_refused(
     tmp_path: Path, posterior: xr.DataTree, edition: int | None, stated_edition: str
