@@ -142,9 +142,13 @@ def demo(
         lb.figures.save_figures(posteriors["linear"], staging / "figures")
         document = lb.write_report(posteriors["linear"], staging / "linear", comparison=comparison)
 
+    headings = {
+        "constant": "Constant compliance: what changes with force is the joint load alone",
+        "linear": "Linear compliance",
+    }
     parts: list[Any] = []
     for name, posterior in posteriors.items():
-        parts.append(f"{name.capitalize()} compliance")
+        parts.append(headings[name])
         table = results_table(results[name], lb.analysis.judge_posterior(posterior))
         parts += [table, *explanation_of_U(table)]
     parts += [

@@ -60,7 +60,7 @@ def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
         )
         passages.append("")
     if trend.stiffness:
-        passages += [stiffness_table(trend.stiffness), ""]
+        passages.append(stiffness_table(trend.stiffness))
     passages += trend_sentences(trend)
     passages += map(caveat_words, trend.caveats)
     return tuple(passages)

@@ -14,7 +14,8 @@ import pytest
 from campaigns import Invoke
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.design import Costs, GoalDesign
+from ldbb_bayes.analysis.design import Costs, GoalDesign, certificate_offers
+from ldbb_bayes.analysis.value_of_certificates import CERTIFICATES
 from ldbb_bayes.app import cheapest, fields, worker
 from ldbb_bayes.app.sliders import COST_SLIDERS
 from ldbb_bayes.app.templates import Templates
@@ -293,8 +294,17 @@ def test_a_certificate_that_the_campaign_has_is_refused_before_the_search(
     refused = cheapest.wrong_entry(tmp_path, {"certificates": "bar=150"})
     assert refused["wrong"] == "certificates"
     assert "must state what the campaign does not state yet" in refused["refused"]
-    assert in_language(refused["refused"], "de") is not None
+    assert "the campaign states the bar's length." in refused["refused"]
+    german = in_language(refused["refused"], "de")
+    assert german is not None
+    assert "die Kampagne gibt bereits an: die Gerätelänge" in german
     assert cheapest.wrong_entry(tmp_path, {"certificates": "mount=150"}) == {}
+
+
+def test_every_field_of_a_certificate_has_words_for_people() -> None:
+    for certificate in CERTIFICATES.values():
+        for key in certificate:
+            assert in_language(certificate_offers._WORDS_OF_FIELDS[key], "de") is not None
 
 
 def test_a_certificate_that_the_readings_contradict_is_refused_before_the_search(

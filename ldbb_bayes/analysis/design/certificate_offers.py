@@ -32,8 +32,17 @@ _FIELDS_BY_BALLS = {
     "work ball": ("work",),
     "tool ball": ("tool",),
 }
-# Words for the fields of the instrument that stand for a whole ball.
-_WORDS_OF_FIELDS = {"work": "the work ball", "tool": "the tool ball"}
+# Words for the fields of the instrument that a certificate can state.
+_WORDS_OF_FIELDS = {
+    "work": "the work ball",
+    "tool": "the tool ball",
+    "bar_U_um": "the bar's length",
+    "mount_U_percent": "the mount's deflection",
+    "force_U_percent": "the force",
+    "force_linearity_percent": "the force's linearity",
+    "force_random_N": "the force's random error",
+    "angle_U_deg": "the angle",
+}
 # Regular expression for the name of a certificate of balls. The name ends with the grade of the
 # balls, as in "balls G10".
 _BALLS = re.compile(r"(balls|work ball|tool ball)\s+(G\d+)", re.IGNORECASE)
@@ -130,7 +139,7 @@ def require_missing(offers: Sequence[CertificateOffer], instrument: Instrument) 
         if missing in (["work"], ["tool"]):
             grade = offer.statements[missing[0]].grade
             advice = f"Offer '{missing[0]} ball {grade}' instead, or leave this certificate out."
-        listed = " and ".join(_WORDS_OF_FIELDS.get(key, key) for key in certified)
+        listed = " and ".join(_WORDS_OF_FIELDS[key] for key in certified)
         raise InputError(
             f"certificates must state what the campaign does not state yet, got {offer.name!r}, and"
             f" the campaign states {listed}. {advice}"
