@@ -61,9 +61,10 @@ class WrittenReport(NamedTuple):
     parts: tuple[Any, ...]
     #: Whether the random draws of the fit reached the required effective sample size.
     converged: bool
-    #: Whether warnings are printed before the results, because the results are differences that a
-    #: warning may forbid to use.
-    warns_first: bool = False
+    #: Name of the campaign that sheets 1 and 2 are of, if the report compares it with others; empty
+    #: if not. Warnings are then printed before the results, because the results are differences
+    #: that a warning may forbid to use.
+    compared_campaign: str = ""
 
 
 @dataclass(frozen=True)

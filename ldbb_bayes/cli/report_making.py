@@ -124,8 +124,8 @@ def _print_report(
     words = words_of(language)
     alerts = [words("terminal.note", text=alert) for alert in written.document.alerts]
     state = written.document.state_and_cure
-    if written.warns_first:
-        show(state, *alerts, *written.parts)
+    if written.compared_campaign:
+        show(f"{written.compared_campaign}: {state}", *alerts, *written.parts)
     else:
         show(*written.parts, *alerts, state)
     if output.quiet:
@@ -199,7 +199,7 @@ def _report_fits(source: ReportSource, output: Output, settings: dict[str, Any])
         document,
         (*notes, *_printed_differences(document)),
         record_of(first)["sampler"]["converged"],
-        warns_first=len(paths) > 1,
+        compared_campaign=str(campaign_of(first).name) if len(paths) > 1 else "",
     )
 
 

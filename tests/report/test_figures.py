@@ -24,10 +24,11 @@ from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.path_contributions import TOGETHER
 from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.report import figures
-from ldbb_bayes.report.figures import FIGURES, corner, save_figures
+from ldbb_bayes.report.figures import FIGURES, circle_figures, corner, save_figures
 from ldbb_bayes.report.figures.parameter_figures import WORDS
 from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.report.text import parts_of
+from ldbb_bayes.report.translation import words_of
 from ldbb_bayes.units import display_name, display_unit, is_slope, plus_minus, round_uncertainty
 
 QUICK = lb.inference.StoppingRule(ess=100.0, rhat=1.5, lengths=0.2)
@@ -447,3 +448,22 @@ def test_verdicts_are_drawn_from_what_identify_returns() -> None:
         figures.prior_and_posterior,
         xr.DataTree(),
     )
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_what_dots_lines_and_bands_mean_fits_in_one_line(language: str) -> None:
+    words = words_of(language).table["figures"]
+    marks = [words["some_readings"].format(every=9), words["prediction"], words["band"]]
+    assert len(circle_figures._lines_of_marks(marks, circle_figures._CHARACTERS[1])) == 1
+
+
+def test_a_line_of_marks_ends_between_two_marks() -> None:
+    marks = ("dots: readings", "lines: prediction", "shaded: 95 % for a new circle")
+    assert circle_figures._lines_of_marks(marks, 40) == [
+        "dots: readings, lines: prediction,",
+        "shaded: 95 % for a new circle",
+    ]
+
+
+def test_a_mark_that_is_too_long_is_broken_between_words() -> None:
+    assert circle_figures._lines_of_marks(("a long mark", "b"), 7) == ["a long", "mark, b"]

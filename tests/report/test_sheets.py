@@ -20,7 +20,7 @@ from ldbb_bayes.analysis.usability import Judgement, Reason, ReasonKind, Use
 from ldbb_bayes.analysis.variance_sources import VarianceSource
 from ldbb_bayes.inference.fit import ConcernKind
 from ldbb_bayes.inference.posterior import campaign_of, fit_of, record_of
-from ldbb_bayes.report import plain_findings, sections, stiffness_numbers, wording
+from ldbb_bayes.report import plain_findings, sections, sheet_state, stiffness_numbers, wording
 from ldbb_bayes.report import sheets as sheets_module
 from ldbb_bayes.report.blocks import Banner, Fields, Items, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.conformity_tables import conformity_table
@@ -1404,3 +1404,24 @@ def test_the_banner_counts_what_is_not_determined(language: str) -> None:
     sentence = words_of(language)("state.not_determined", count="5", all="11", names="…")
     assert "5" in sentence
     assert "11" in sentence
+
+
+def test_german_sentences_on_a_quantity_have_their_articles() -> None:
+    words = words_of("de")
+    values = {"name": "Rechtwinkligkeit von X zu Y", "value": "8", "angle": "", "advice": ""}
+    sentence = words("plain.squareness", **values, probability="97 %")
+    assert sentence.startswith("Die Rechtwinkligkeit von X zu Y beträgt 8 µrad")
+    for direction in ("softer", "stiffer", "larger", "smaller"):
+        change = words(
+            f"differences.{direction}", quantity="Versatz in X", symbol="E_Xt0", size="1 µm"
+        )
+        assert change.startswith("E_Xt0 (Versatz in X) ist in der zweiten Kampagne")
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_the_box_states_the_symbol_beside_the_words(findings: Findings, language: str) -> None:
+    numbers = SheetNumbers(findings, words_of(language), 389.0)
+    quantity = numbers.parameters["E_C0YX"]
+    assert sheet_state._labels(["E_C0YX"], numbers.parameters) == [f"{quantity.words} (E_C(0Y)X)"]
+    three = ["E_C0YX", "E_XX1", "E_YY1"]
+    assert sheet_state._labels(three, numbers.parameters) == ["E_C(0Y)X", "E_XX1", "E_YY1"]

@@ -111,3 +111,10 @@ def test_the_last_lines_have_words_in_both_languages() -> None:
         words = words_of(language)
         assert words("terminal.note", text="x") == note
         assert "out/report.pdf" in words("terminal.written", files="out/report.pdf")
+
+
+def test_every_start_of_a_list_is_german() -> None:
+    starts = "first CW at 0 min, the second at 6 min, 700N CCW at 42.5 min"
+    assumption = Assumption("", "time_s", starts, "line 1", "--no-drift")
+    translated = assumption_in_language(assumption, "de", ["first CW", "the second"])
+    assert translated.value == "first CW nach 0 min, the second nach 6 min, 700N CCW nach 42,5 min"
