@@ -235,9 +235,9 @@ def test_one_command_from_files_to_two_sheets(name: str, tmp_path: Path, invoke:
     )
     assert (code, stderr) == (0, "")
     assert {path.name for path in (tmp_path / "out").iterdir()} == WRITTEN
-    assert "Averaged over constant and linear" in stdout
-    assert "JCGM 106), at 350 N" in stdout
-    assert "Compliances at 350 N" in stdout
+    assert "Gemittelt über Nachgiebigkeit konstant und linear" in stdout
+    assert "JCGM 106), bei 350 N" in stdout
+    assert "Nachgiebigkeiten bei 350 N" in stdout
     averaged = lb.assess_conformity(lb.load(tmp_path / "out" / "averaged.nc"), force_N=350.0)[
         "C_XXX"
     ].as_dict()
