@@ -528,6 +528,55 @@ def test_circles_to_go_are_of_any_kind_allowed(recovered: Campaign) -> None:
     assert step.goals["C_XXX"].U_floor < 5.5e-6
 
 
+def test_a_goal_that_no_kind_of_circle_reaches_sends_nobody_to_other_kinds(
+    recovered: Campaign,
+) -> None:
+    """Bar length is 9.4 µm (1 sd) of every radius: U of E_XX1 stays above 2 × 9.4 µm / 150 mm,
+    less what the prior of E_XX1 takes away."""
+    step = next_circle(MODEL, recovered, goals={"E_XX1": "10 µm/m"}, tolerances={})
+    assert step.more_circles is None
+    assert step.other_kinds == ()
+    assert step.kinds_in_vain == ("both directions", "turned balls", "a second radius")
+    text = "\n".join(str(passage) for passage in parts_of(step))
+    assert "Other kinds of circles are not expected to either: both directions;" in text
+
+
+def test_after_circles_at_one_force_another_force_is_named(recovered: Campaign) -> None:
+    """At one force a compliance looks like a geometric error: no repetition separates them."""
+    one_circle = replace(recovered, tests=recovered.tests[2:3])
+    constant = MODEL.with_degree(0)
+    goals = {"C_XXX": "25 %"}
+    repeated = next_circle(constant, one_circle, goals=goals, tolerances={})
+    assert repeated.more_circles is None
+    assert repeated.other_kinds[0] == "another force"
+    step = next_circle(constant, one_circle, goals=goals, tolerances={}, forces_N=(36.0, 742.0))
+    assert "another force" not in step.other_kinds
+    assert step.goals["C_XXX"].U_floor < step.goals["C_XXX"].U_needed
+    assert step.more_circles is not None
+
+
+@pytest.mark.parametrize(("share", "confidence"), [(0.2, 0.95), (0.5, 0.8), (0.05, 0.99)])
+def test_a_goal_in_percent_needs_what_keeps_it_when_the_value_is_known(
+    share: float, confidence: float, recovered: Campaign
+) -> None:
+    """Of true values drawn about the estimate with the u that is needed, the share of which the
+    goal is met is the confidence, however little is known of the value now."""
+    bound = MODEL.with_degree(0).bind(recovered)
+    column = bound.names.index("C_XXX")
+    mean = np.zeros(len(bound.names))
+    mean[column] = 50e-6
+    sd = np.full(len(bound.names), 40e-6)
+    draws = np.random.default_rng(1).normal(mean, sd, (4000, len(mean)))
+    known = Known(bound, mean, sd, draws, np.ones((4000, 1)), np.ones((1, 1)))
+    covariance = np.diag((sd / bound.scale) ** 2)[None]
+    goal = Goal("C_XXX", "mm/N", share=share)
+    (state,) = goal_states({"C_XXX": goal}, known, covariance, confidence).values()
+    u = state.aim.target
+    true = np.random.default_rng(2).normal(50e-6, u, 200_000)
+    assert np.mean(2.0 * u <= share * true) == pytest.approx(confidence, abs=0.003)
+    assert not state.aim.is_reached
+
+
 def test_constant_compliance_has_no_decision_between_models(recovered: Campaign) -> None:
     step = next_circle(MODEL.with_degree(0), recovered, goals={"C_XXX": "20 %"}, tolerances={})
     assert step.model is None

@@ -78,9 +78,13 @@ class GoalSoFar(Result):
     #: which may scatter more or less than other circles
     probability_next: float
     #: expanded uncertainty U of the goal's parameter that would remain if the best possible circles
-    #: were repeated very many times. If it is above ``limit``, the largest U that the goal permits,
-    #: the goal cannot be reached with any number of circles.
+    #: were repeated very many times. If it is above ``U_needed``, the goal is not expected to be
+    #: reached with any number of circles.
     U_floor: float
+    #: largest expanded uncertainty U with which the goal will count as reached if ``value`` stays
+    #: as it is. For a goal in percent it is below ``limit``, because the true value may be below
+    #: ``value``.
+    U_needed: float
     #: the goal as a fraction of ``value``, the parameter's posterior mean; None if the goal was
     #: stated in the parameter's unit
     share: float | None = None
@@ -245,6 +249,7 @@ class GoalState:
             probability_next=max(self.probability(self.aim.sd(scattering)), probability_at_least),
             U_floor=COVERAGE_FACTOR
             * min(float(np.sqrt((self.aim.sd(after_very_many) ** 2).mean())), expected_sd),
+            U_needed=COVERAGE_FACTOR * self.aim.target,
             share=self.goal.share,
             U_of_fit=self.U_of_fit,
             averaged_U=self.averaged_U,
@@ -270,16 +275,36 @@ def goal_states(
         sd = float(known.sd[column])
         draws = known.draws[:, column]
         limits = goal.limit_U(draws)
-        target = float(np.quantile(limits, 1.0 - confidence)) / COVERAGE_FACTOR
+        mean = float(known.mean[column])
+        is_reached = bool((COVERAGE_FACTOR * sd <= limits).mean() >= confidence)
+        if is_reached:
+            target = float(np.quantile(limits, 1.0 - confidence)) / COVERAGE_FACTOR
+        else:
+            target = _sd_that_meets(goal, mean, confidence)
         aim = UncertaintyAim(
             weights=weights,
             target=max(target, _LEAST_TARGET * sd),
             inflation=_inflation(sd, weights, covariance),
-            is_reached=bool((COVERAGE_FACTOR * sd <= limits).mean() >= confidence),
+            is_reached=is_reached,
         )
         unit = known.bound.parameters[column].unit
-        states[name] = GoalState(goal, unit, float(known.mean[column]), sd, draws, aim)
+        states[name] = GoalState(goal, unit, mean, sd, draws, aim)
     return states
+
+
+def _sd_that_meets(goal: Goal, value: float, confidence: float) -> float:
+    """Return the largest standard uncertainty with which a goal will count as reached.
+
+    A goal in percent is of the true value, which later circles narrow down as well. If the estimate
+    v stays as it is and has the standard uncertainty u then, the true value is above v − z u with
+    the probability ``confidence``, and the goal U = k u ≤ s (v − z u) is met with this probability
+    if u ≤ s v / (k + s z). Here k is the coverage factor, s the goal as a fraction, and z the
+    quantile of the normal distribution. ``value`` is v.
+    """
+    allowance = 0.0
+    if goal.share is not None:
+        allowance = goal.share * float(ndtri(confidence))
+    return float(goal.limit_U(value)) / (COVERAGE_FACTOR + allowance)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple
 
@@ -50,6 +49,11 @@ from ldbb_bayes.analysis.design.criteria import Determinant
 from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, Goal, goals_in
 from ldbb_bayes.analysis.design.model_odds import ModelOdds, ModelSoFar
 from ldbb_bayes.analysis.design.objective import Objective
+from ldbb_bayes.analysis.design.other_circles import (
+    CircleKind,
+    kinds_not_allowed,
+    with_other_kinds,
+)
 from ldbb_bayes.analysis.design.present_estimates import (
     EVIDENCE_TOLERANCE,
     FittedSds,
@@ -75,14 +79,6 @@ __all__ = ["NextCircle", "next_circle"]
 _LISTED = 5
 # Default number of force levels to choose from, in equal steps over the range of the campaign.
 _LEVELS = 9
-
-
-class CircleKind(StrEnum):
-    """Kind of circles that differ from one another in one setting."""
-
-    DIRECTIONS = "both directions"
-    BALLS = "turned balls"
-    RADII = "a second radius"
 
 
 class _Chosen(NamedTuple):
@@ -130,8 +126,8 @@ class NextCircle(Result):
     #: number of further circles after which every aim of the campaign is expected to be reached;
     #: None if 40 circles are not enough
     more_circles: int | None
-    #: kinds of circles that were not allowed, but could help: both directions of travel, balls
-    #: turned in their sockets, circles of another radius
+    #: kinds of circles that were not allowed, but could help: another force, both directions of
+    #: travel, balls turned in their sockets, circles of another radius
     other_kinds: tuple[CircleKind, ...]
     #: what the readings so far contradict of what was known beforehand, such as a zero of the
     #: readings that was not set; nothing else should be decided before
@@ -153,6 +149,9 @@ class NextCircle(Result):
     #: whether the choice between constant and linear compliance is an aim that 40 more circles are
     #: not expected to reach
     model_is_unreached: bool = False
+    #: kinds of circles that were not allowed, and are not expected to reach every aim either, all
+    #: of them together. Empty if 40 circles of the kinds allowed are enough.
+    kinds_in_vain: tuple[CircleKind, ...] = ()
 
     def plan(self) -> Campaign:
         """Return the best next circle as a plan, to be run in addition to the circles so far.
@@ -281,7 +280,6 @@ def next_circle(
     covariances = candidates.after()
     distances = total_distance(aims, covariances)
     order = largest_positions(-distances, len(distances))
-    after = covariances[:, order[0]]
     scattering = covariances_with_scatter(bound, len(space.pilot.tests), int(order[0]), known.phi)
     after_very_many = _covariances_after_very_many(objective)
     goals_probability = _joint_probability(of_goals, known)
@@ -289,19 +287,22 @@ def next_circle(
     to_go = CirclesToGo(0, after_very_many)
     if not finished:
         to_go = count_circles_to_go(aims, objective, after_very_many)
+    kinds = _kinds_not_allowed(space, aims, to_go)
     return NextCircle(
         circles=len(campaign.tests),
         confidence=confidence,
-        goals=EitherSpelling(_goals_so_far(of_goals, after, after_very_many, scattering)),
+        goals=EitherSpelling(
+            _goals_so_far(of_goals, covariances[:, order[0]], after_very_many, scattering)
+        ),
         goals_probability=goals_probability,
         model=None if odds is None else odds.so_far(scattering, after_very_many),
         model_is_aim=model_is_aim,
         tolerances=EitherSpelling(
-            _tolerances_so_far(of_tolerances, after, after_very_many, scattering)
+            _tolerances_so_far(of_tolerances, covariances[:, order[0]], after_very_many, scattering)
         ),
         finished=finished,
         more_circles=to_go.number,
-        other_kinds=_kinds_not_allowed(space),
+        other_kinds=kinds.may_help,
         concerns=tuple(contradicted_priors(known.bound, known.phi_of_draws, known.draws)),
         direction=space.tests[order[0]].direction,
         table=_best_circles(
@@ -311,17 +312,41 @@ def next_circle(
         unreached_goals=to_go.unreached(of_goals),
         unreached_tolerances=to_go.unreached(of_tolerances),
         model_is_unreached=not to_go.decides(odds_to_decide),
+        kinds_in_vain=kinds.in_vain,
     )
 
 
-def _kinds_not_allowed(space: Space) -> tuple[CircleKind, ...]:
-    """Return the kinds of circles that are not among the possible next circles in ``space``."""
-    settings: dict[CircleKind, set[Any]] = {
-        CircleKind.DIRECTIONS: {test.direction for test in space.tests},
-        CircleKind.BALLS: {(test.work_ball_deg, test.tool_ball_deg) for test in space.tests},
-        CircleKind.RADII: {test.radius_mm for test in space.tests},
-    }
-    return tuple(kind for kind, values in settings.items() if len(values) < 2)
+class _KindsNotAllowed(NamedTuple):
+    """Kinds of circles that were not allowed, by whether they may help."""
+
+    may_help: tuple[CircleKind, ...] = ()
+    in_vain: tuple[CircleKind, ...] = ()
+
+
+def _kinds_not_allowed(space: Space, aims: Sequence[Aim], to_go: CirclesToGo) -> _KindsNotAllowed:
+    """Return the kinds of circles that ``space`` lacks, and whether they may help.
+
+    They are in vain if circles of the kinds in ``space`` do not reach all aims, and very many
+    circles of all kinds are not expected to either.
+    """
+    kinds = kinds_not_allowed(space)
+    if kinds and to_go.number is None and not _may_reach(space, aims):
+        return _KindsNotAllowed(in_vain=kinds)
+    return _KindsNotAllowed(may_help=kinds)
+
+
+def _may_reach(space: Space, aims: Sequence[Aim]) -> bool:
+    """Return whether very many circles of all kinds that ``space`` lacks should reach every aim.
+
+    The possible circles may show more than those in ``space``, such as hysteresis in both
+    directions. The posterior given the circles run so far is therefore computed anew.
+    """
+    widened = with_other_kinds(space)
+    nodes = Evidences(widened.pilot, tolerance=EVIDENCE_TOLERANCE).nodes(widened.model)[0]
+    known = known_from(nodes, space.seed)
+    bound = bind_tests(widened.model, widened.pilot, widened.tests, keep_pilot_tests=True)
+    covariances = _covariances_after_very_many(_objective(bound, widened, known))
+    return all(aim.is_reached or aim.is_expected(covariances) for aim in aims)
 
 
 def _aims_of(

@@ -49,14 +49,19 @@ def next_circle_head(step: NextCircle) -> tuple[str, ...]:
     )
     out_of_reach = []
     for name, goal in step.goals.items():
-        if goal.probability < step.confidence and goal.U_floor > goal.limit:
+        if goal.probability < step.confidence and goal.U_floor > goal.U_needed:
             factor, unit = display_unit(goal.unit)
-            limit, floor = digits_apart(goal.limit, [goal.U_floor], factor)
+            # A goal in percent may take less U than the goal for the estimate, for the true value
+            # may be smaller.
+            by_true_value = goal.U_floor <= goal.limit
+            largest_U = goal.U_needed if by_true_value else goal.limit
+            limit, floor = digits_apart(largest_U, [goal.U_floor], factor)
             out_of_reach.append(
                 {
                     "name": display_name(name),
                     "floor": f"{floor} {unit}",
                     "limit": f"{limit} {unit}",
+                    "needed": f"{limit} {unit}" if by_true_value else "",
                     "may_be_met": goal.probability_next >= _MAY_BE_MET,
                     "probability_next": goal.probability_next,
                 }
