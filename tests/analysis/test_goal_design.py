@@ -16,13 +16,13 @@ from ldbb_bayes.analysis.design.campaign_family import CampaignFamily
 from ldbb_bayes.analysis.design.cheapest_search import _Progress, _Search
 from ldbb_bayes.analysis.design.goal_design import _near_misses
 from ldbb_bayes.analysis.design.goals import Goal
+from ldbb_bayes.analysis.design.goals_in_reach import u_in_reach
 from ldbb_bayes.analysis.design.judged_campaigns import (
     JudgedCampaign,
     are_enough,
     judge_plan,
     judged_on_fresh_machines,
     shares_of_machines,
-    u_in_reach,
 )
 from ldbb_bayes.analysis.design.simulated_analyses import StatedByMachines
 from ldbb_bayes.analysis.design.space import Space
@@ -345,9 +345,61 @@ def test_what_is_in_reach_is_what_enough_machines_reach(probability, u_in_nm):
     """Of 64 machines 59 are 90 % of 65: the goal has to be above the 59th, and that will do."""
     u = np.arange(64.0, 0.0, -1.0)[:, None]
     stated = StatedByMachines(("C_XXX",), np.ones_like(u), u)
-    assert u_in_reach(stated, "C_XXX", probability) == u_in_nm
+    goals = {"C_XXX": Goal("C_XXX", "mm/N", absolute=0.1)}
+    assert u_in_reach(stated, goals, probability) == {"C_XXX": u_in_nm}
     assert are_enough(np.mean(u <= u_in_nm), 64, probability)
     assert probability > 0.98 or not are_enough(np.mean(u < u_in_nm), 64, probability)
+
+
+def test_what_is_in_reach_of_several_goals_is_reached_by_them_together():
+    """Of 100 machines, 5 have a large u of one parameter and 5 others of another. Each goal alone
+    is met on 95, both on 90: 90 % of 101 machines are 91, so that one of these ten has to be
+    reached too. The goal that all machines meet stays as it is."""
+    u = np.ones((100, 3))
+    u[:5, 0] = [2.0, 3.0, 4.0, 5.0, 6.0]
+    u[5:10, 1] = [2.0, 3.0, 4.0, 5.0, 6.0]
+    stated = StatedByMachines(("C_XXX", "C_YYY", "C_CCY"), np.ones_like(u), u)
+    goals = {name: Goal(name, "mm/N", absolute=3.8) for name in ("C_XXX", "C_YYY")}
+    goals["C_CCY"] = Goal("C_CCY", "mm/N", absolute=4.0)
+    assert u_in_reach(stated, goals, 0.9) == {"C_XXX": 2.0}
+    assert np.sum((u[:, 0] <= 2.0) & (u[:, 1] <= 1.9)) == 91
+
+
+def test_a_goal_that_is_reached_stays_as_it_is():
+    u = np.stack([np.linspace(1.0, 2.0, 64), np.linspace(1.0, 9.0, 64)], axis=1)
+    stated = StatedByMachines(("C_XXX", "C_YYY"), np.ones_like(u), u)
+    goals = {
+        "C_XXX": Goal("C_XXX", "mm/N", absolute=4.0),
+        "C_YYY": Goal("C_YYY", "mm/N", absolute=4.0),
+    }
+    (name,) = u_in_reach(stated, goals, 0.9)
+    assert name == "C_YYY"
+    assert u_in_reach(stated, {"C_XXX": goals["C_XXX"]}, 0.9) == {}
+
+
+def test_hours_in_which_no_campaign_fits_are_answered_with_what_the_shortest_takes():
+    """A set-up of 15 min and two circles of 3 min each, for two forces."""
+    goals = {"E_C0YX": "25 µrad"}
+    design = lb.design(MODEL, PILOT, goals=goals, forces_N=FORCES, costs=Costs(hours=0.3))
+    assert design.nearest is None
+    assert design.shortest_minutes == 21.0
+    assert "The shortest campaign takes 21 min" in " ".join(text_of(design).split())
+
+
+@pytest.mark.slow
+def test_what_to_ask_for_within_the_hours_is_reached_within_them():
+    """All goals together, of which one is out of reach and the others take longer."""
+    goals = {"C_XXX": "10 %", "C_YYY": "12 %", "E_C0YX": "3 µrad"}
+    options = {"costs": Costs(hours=0.7), "augment": True}
+    design = lb.design(MODEL, PILOT, goals=goals, **options)
+    text = " ".join(text_of(design).split())
+    assert not design.all_reached
+    assert design.nearest.minutes <= 42.0
+    asked = dict(re.findall(r"(C_...): no number [^:]*? Ask for ([0-9.]+ nm/N) or more", text))
+    assert set(asked) == {"C_XXX", "C_YYY"}
+    again = lb.design(MODEL, PILOT, goals={**goals, **asked}, **options)
+    assert again.all_reached
+    assert again.best.minutes <= 42.0
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from scipy.special import expit
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design import ModelSoFar, NextCircle
+from ldbb_bayes.analysis.design.other_circles import CircleKind
 from ldbb_bayes.inference.fit import Concern, ConcernKind
 from ldbb_bayes.report import operator_sheet, wording
 from ldbb_bayes.report.next_circle_text import aims_passages
@@ -55,6 +56,11 @@ def variants(step: NextCircle) -> Iterator[NextCircle]:
     prior = Concern(ConcernKind.PRIOR, 5.0, 3.0, "C_XXX")
     yield replace(step, concerns=(zero, scale, prior))
     yield replace(step, goals={}, model=None)
+    yield replace(step, other_kinds=tuple(CircleKind), kinds_in_vain=())
+    yield replace(step, other_kinds=(), kinds_in_vain=tuple(CircleKind))
+    goal = step.goals["C_XXX"]
+    hardly = replace(goal, probability=0.1, U_floor=0.9 * goal.limit, U_needed=0.8 * goal.limit)
+    yield replace(step, goals={"C_XXX": hardly})
 
 
 def test_every_text_of_the_sheet_has_german_words(step: NextCircle) -> None:

@@ -53,6 +53,17 @@ SENTENCES = [
     " circles reach it.",
     "40 circles alone leave no less than is known already. With --augment the circles run so far"
     " count too.",
+    "1 circle alone leaves no less than is known already.",
+    "No campaign within 0.1 h reaches the other goals on 90 % of the machines. The shortest"
+    " campaign takes 21 min, set-up included.",
+    "C_XXX: in this time 1 circle leaves U of up to 18 nm/N on nine in ten machines; 8.0 nm/N is"
+    " wanted.",
+    "C_XXX: in this time 1 circle, with mount ± 2 % certified, leaves U of up to 18 nm/N on nine in"
+    " ten machines; 8.0 nm/N is wanted.",
+    "C_XXX: in this time 3 circles leave U of up to 18 nm/N on nine in ten machines; 8.0 nm/N is"
+    " wanted. Ask for 20 nm/N or more to see which circles reach it.",
+    "C_XXX: in this time 3 circles, with mount ± 2 % certified, leave U of up to 18 nm/N on nine in"
+    " ten machines; 8.0 nm/N is wanted.",
     "C_YYY: no number of circles brings U below 38 %; 5.0 % is wanted. Mount holds it (57 % of what"
     " remains).",
     "C_XXX: wanted is 10 % of 53.6 nm/N, the present estimate.",

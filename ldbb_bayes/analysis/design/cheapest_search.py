@@ -31,7 +31,13 @@ from ldbb_bayes.analysis.design.judged_campaigns import (
 )
 from ldbb_bayes.results import Array
 
-__all__ = ["CheapestCampaigns", "find_cheapest", "judge_largest", "truncation_ratios"]
+__all__ = [
+    "CheapestCampaigns",
+    "find_cheapest",
+    "judge_largest",
+    "largest_counts",
+    "truncation_ratios",
+]
 
 # Largest number of circles that a campaign may have in the search for the cheapest campaign.
 _MOST_CIRCLES = 40
@@ -89,6 +95,27 @@ def judge_largest(family: CampaignFamily) -> JudgedCampaign:
     """
     counts = (_MOST_CIRCLES // _CIRCLES_OF_SHARES) * family.best_counts(_CIRCLES_OF_SHARES)
     return judge_plan(family, family.tests_of(counts))
+
+
+def largest_counts(family: CampaignFamily, costs: Costs) -> Array | None:
+    """Return the number of circles of each candidate test in the largest campaign allowed.
+
+    It is the best campaign of the family with as many circles as the machine time allows. If this
+    is not limited, or allows 40 circles, it is that of `judge_largest`. The result, shape
+    (candidates,), is None if no campaign of the family fits the machine time.
+    """
+    for circles in range(_MOST_CIRCLES, family.fewest_circles - 1, -1):
+        if not costs.fits(family.least_minutes(costs, circles)):
+            continue
+        if circles == _MOST_CIRCLES:
+            counts = (_MOST_CIRCLES // _CIRCLES_OF_SHARES) * family.best_counts(_CIRCLES_OF_SHARES)
+        else:
+            counts = family.best_counts(circles)
+        tests = family.tests_of(counts)
+        if costs.fits(family.minutes(costs, tests)):
+            # What the best campaign does not use, a smaller family offers too.
+            return counts if family.uses_all(tests) else None
+    return None
 
 
 def truncation_ratios(largest: JudgedCampaign) -> dict[str, float]:
@@ -459,11 +486,8 @@ class _Search:
         counts = family.best_counts(circles, progress.counts)
         progress.counts = counts
         tests = family.tests_of(counts)
-        if not self._costs.fits(family.minutes(self._costs, tests)):
-            self.is_too_long = True
-            progress.circles = _MOST_CIRCLES
-            return None
-        if progress.forecasts >= _MOST_FORECASTS or circles == _MOST_CIRCLES:
+        is_too_long = not self._costs.fits(family.minutes(self._costs, tests))
+        if is_too_long or progress.forecasts >= _MOST_FORECASTS or circles == _MOST_CIRCLES:
             return self._found_by_bisection(progress)
         distance = family.quick.distance(counts)
         inflation = self._expected_inflation(progress)
@@ -502,18 +526,14 @@ class _Search:
         """
         family = progress.family
         progress.circles = _MOST_CIRCLES
-        tests = family.tests_of(family.best_counts(_MOST_CIRCLES))
-        fitting = _MOST_CIRCLES
-        while not self._costs.fits(family.minutes(self._costs, tests)):
-            self.is_too_long = True
-            fitting -= 1
-            if fitting <= progress.last_failed:
-                return None
-            tests = family.tests_of(family.best_counts(fitting))
+        missed = max(progress.last_failed, family.fewest_circles - 1)
+        counts = self._largest_counts(family, missed)
+        if counts is None:
+            return None
+        tests = family.tests_of(counts)
         best = None
         if family.uses_all(tests):
             best = self._confirmed(judge_plan(family, tests))
-        missed = progress.last_failed
         while best is not None and len(best.tests) - missed > 1:
             circles = (len(best.tests) + missed) // 2
             tests = family.tests_of(family.best_counts(circles))
@@ -525,6 +545,23 @@ class _Search:
             else:
                 best = shorter
         return best
+
+    def _largest_counts(self, family: CampaignFamily, missed: int) -> Array | None:
+        """Return the number of circles of each candidate test in the largest campaign to judge.
+
+        It is the best campaign of the family with 40 circles or with as many as the machine time
+        allows. The result is None if these are no more than ``missed``, or if the goals would be
+        missed with so little time even if the hyper-parameters were known. ``is_too_long`` is set
+        to true if the machine time allows fewer than 40 circles.
+        """
+        for circles in range(_MOST_CIRCLES, missed, -1):
+            if self._costs.fits(family.least_minutes(self._costs, circles)):
+                counts = family.best_counts(circles)
+                if self._costs.fits(family.minutes(self._costs, family.tests_of(counts))):
+                    is_far = family.quick.distance(counts) > _NEAR
+                    return None if is_far and circles < _MOST_CIRCLES else counts
+            self.is_too_long = True
+        return None
 
     def _confirmed(self, campaign: JudgedCampaign) -> JudgedCampaign | None:
         """Return a campaign judged on fresh machines too, or None if it misses the goals.

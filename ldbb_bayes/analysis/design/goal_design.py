@@ -42,12 +42,12 @@ from ldbb_bayes.analysis.design.goal_design_result import (
     StatedGoal,
 )
 from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, USUAL_PROBABILITY, Goal, goals_in
+from ldbb_bayes.analysis.design.goals_in_reach import nearest_campaign, u_in_reach
 from ldbb_bayes.analysis.design.judged_campaigns import (
     JudgedCampaign,
     are_enough,
     judge_plan,
     shares_of_machines,
-    u_in_reach,
 )
 from ldbb_bayes.analysis.design.obstacles import NearMiss, Obstacle, near_miss_of, obstacles_of
 from ldbb_bayes.analysis.design.possible_certificates import require_possible
@@ -259,16 +259,12 @@ def _search_campaigns(
             largest = judge_largest(widest)
             widest = replace(widest, truncation=truncation_ratios(largest))
             limits = {name: known[name].limit_U for name in needed}
-            in_reach = {}
-            for name in needed:
-                u = u_in_reach(largest.stated, name, probability)
-                in_reach[name] = COVERAGE_FACTOR * u
-            obstacles = obstacles_of(widest, limits, in_reach)
+            obstacles = obstacles_of(widest, limits)
         reachable = _reachable(widest, sets)
         unreachable = tuple(name for name in needed if name not in reachable)
         if reachable:
             searched = _search_reachable(widest, sets, reachable, costs, probability, steps)
-    return GoalDesign(
+    design = GoalDesign(
         goals=EitherSpelling(known),
         probability=probability,
         costs=costs,
@@ -282,6 +278,48 @@ def _search_campaigns(
         pilot=space.pilot.name,
         adds_to_pilot=space.augment,
         unreached=_forecasts_of_unreached(searched, needed, costs),
+    )
+    if design.all_reached:
+        return design
+    families = tuple(families_of(widest.space, sets, needed, widest.states, widest.truncation))
+    return _with_what_is_in_reach(design, families, needed, searched.cheapest)
+
+
+def _with_what_is_in_reach(
+    design: GoalDesign,
+    families: Sequence[CampaignFamily],
+    needed: Mapping[str, Goal],
+    cheapest: JudgedCampaign | None,
+) -> GoalDesign:
+    """Return a design of which not all goals are reached, with what can be asked for instead.
+
+    ``families`` are the families of campaigns to choose from, and ``needed`` are all goals that are
+    not met yet; the keys are the names of the parameters. ``cheapest`` is the cheapest campaign for
+    the goals that can be reached; None if there is none. These goals are kept as they are.
+    """
+    nearest = nearest_campaign(families, needed, design.costs)
+    if nearest is None:
+        shortest = [
+            family.least_minutes(design.costs, family.fewest_circles) for family in families
+        ]
+        return replace(design, shortest_minutes=min(shortest))
+    u = u_in_reach(nearest.stated, needed, design.probability)
+    if cheapest is not None and any(name in u for name in cheapest.family.goals):
+        nearest = cheapest
+        u = u_in_reach(nearest.stated, needed, design.probability)
+    in_reach = {name: COVERAGE_FACTOR * size for name, size in u.items()}
+    obstacles = {}
+    for name, obstacle in design.obstacles.items():
+        obstacles[name] = replace(obstacle, reachable_U=in_reach.get(name))
+    near_misses = {}
+    for name, near_miss in design.near_misses.items():
+        near_misses[name] = replace(near_miss, reachable_U=in_reach.get(name))
+    return replace(
+        design,
+        obstacles=obstacles,
+        near_misses=near_misses,
+        nearest=_plan_of(nearest, needed, design.costs),
+        in_reach=in_reach,
     )
 
 
@@ -412,7 +450,6 @@ def _near_misses(
             circles=len(campaign.tests),
             likely_U=COVERAGE_FACTOR * campaign.stated.likely_u(name),
             probability=shares_of_machines(campaign.stated, goals)[name],
-            reachable_U=COVERAGE_FACTOR * u_in_reach(campaign.stated, name, probability),
         )
     return near_misses
 

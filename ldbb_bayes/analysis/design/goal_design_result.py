@@ -187,6 +187,16 @@ class GoalDesign(Result):
     #: forecasts of the uncertainties that the cheapest campaign leaves where a goal is not reached;
     #: the keys are the names of the goals' parameters. Empty if ``plans`` is empty.
     unreached: dict[str, GoalForecast] = field(default_factory=dict)
+    #: campaign within the longest machine time, or of 40 circles if there is no limit, that comes
+    #: nearest to all goals that are not met yet. None if all are reached, and if no campaign is as
+    #: short as the longest machine time.
+    nearest: GoalPlan | None = None
+    #: expanded uncertainties (k = 2) that ``nearest`` does not exceed on as many machines as the
+    #: goals are to be met on, all of them together; the keys are the names of the parameters of the
+    #: goals that it does not reach as they are stated
+    in_reach: dict[str, float] = field(default_factory=dict)
+    #: machine time [min] that the shortest campaign takes; None unless it is longer than allowed
+    shortest_minutes: float | None = None
 
     @property
     def all_met(self) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -83,6 +83,12 @@ class Goal(Result):
         if self.share is not None:
             return np.asarray(self.share * size)
         return np.full(size.shape, self.absolute)
+
+    def times(self, factor: float) -> Goal:
+        """Return the goal that permits an uncertainty larger by ``factor``."""
+        if self.share is not None:
+            return replace(self, share=factor * self.share)
+        return replace(self, absolute=factor * float(self.limit_U(0.0)))
 
     def limit_u(self, value: ArrayLike) -> Array:
         """Return the largest standard uncertainty u = U/2 that the goal permits.

@@ -29,8 +29,8 @@ __all__ = [
     "judge_plan",
     "judged_on_fresh_machines",
     "log_ratios_to_goals",
+    "machines_needed",
     "shares_of_machines",
-    "u_in_reach",
 ]
 
 # Seed of the fresh machines on which a campaign that reaches the goals is judged once more.
@@ -139,30 +139,9 @@ def are_enough(share: float, machines: int, probability: float) -> bool:
     probability
         Required probability that one more machine reaches the goal.
     """
-    return bool(round(share * machines) >= _machines_needed(machines, probability))
+    return bool(round(share * machines) >= machines_needed(machines, probability))
 
 
-def u_in_reach(stated: StatedByMachines, name: str, probability: float) -> float:
-    """Return the smallest goal for a standard uncertainty that enough possible machines reach.
-
-    Parameters
-    ----------
-    stated
-        Uncertainties to expect on every possible machine.
-    name
-        Name of the parameter.
-    probability
-        Required probability that one more machine reaches the goal, as in `are_enough`.
-
-    Returns
-    -------
-    float
-        Standard uncertainty in the unit of the parameter.
-    """
-    u = np.sort(stated.u[:, stated.names.index(name)])
-    return float(u[_machines_needed(len(u), probability) - 1])
-
-
-def _machines_needed(machines: int, probability: float) -> int:
+def machines_needed(machines: int, probability: float) -> int:
     """Return how many of the possible machines must reach a goal; see `are_enough`."""
     return min(int(np.ceil(probability * (machines + 1))), machines)

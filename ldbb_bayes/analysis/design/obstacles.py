@@ -56,9 +56,10 @@ class Obstacle(Result):
     #: whether the goal for the parameter's uncertainty could be reached if the instrument had the
     #: calibration certificate ``certificate``
     reached: bool
-    #: expanded uncertainty (k = 2) of the goal's parameter that 40 circles do not exceed on as many
-    #: machines as the goals are to be met on, in the unit of the parameter
-    reachable_U: float
+    #: expanded uncertainty (k = 2) of the goal's parameter that is in reach, together with what is
+    #: in reach of all other goals (`GoalDesign.nearest`), in the unit of the parameter. None if no
+    #: campaign is as short as the longest machine time.
+    reachable_U: float | None = None
 
 
 @dataclass(frozen=True)
@@ -88,9 +89,8 @@ class NearMiss(Result):
     #: calibration certificate that would reduce the uncertainty of the goal's parameter most, such
     #: as "mount ± 2 %"; an empty string if no certificate would reduce it by at least a tenth
     certificate: str
-    #: expanded uncertainty (k = 2) of the goal's parameter that this campaign does not exceed on as
-    #: many machines as the goals are to be met on, in the unit of the parameter
-    reachable_U: float
+    #: expanded uncertainty (k = 2) of the goal's parameter that is in reach, as in `Obstacle`
+    reachable_U: float | None = None
     #: certificates that the largest campaign tried buys
     bought: tuple[str, ...] = ()
 
@@ -102,7 +102,6 @@ def near_miss_of(
     circles: int,
     likely_U: float,
     probability: float,
-    reachable_U: float,
 ) -> NearMiss:
     """Return the reason why the largest campaign of a family does not reach a goal.
 
@@ -117,7 +116,7 @@ def near_miss_of(
         and certificates.
     name
         Name of the goal's parameter.
-    circles, likely_U, probability, reachable_U
+    circles, likely_U, probability
         Values of the attributes with the same names in the `NearMiss` that is returned.
     """
     floor = dict(zip(family.goals, family.quick.floor().tolist(), strict=True))[name]
@@ -136,14 +135,11 @@ def near_miss_of(
         held_by=holder.name,
         share=holder.share,
         certificate=certificate,
-        reachable_U=reachable_U,
         bought=tuple(offer.name for offer in family.offers),
     )
 
 
-def obstacles_of(
-    family: CampaignFamily, limits: Mapping[str, float], in_reach: Mapping[str, float]
-) -> dict[str, Obstacle]:
+def obstacles_of(family: CampaignFamily, limits: Mapping[str, float]) -> dict[str, Obstacle]:
     """Return the reasons why goals cannot be reached with any number of circles.
 
     The result is a dict; its keys are the names of the goals' parameters. Goals that can be reached
@@ -152,8 +148,7 @@ def obstacles_of(
     the instrument already has. ``limits`` is the largest expanded uncertainty U (k = 2) that each
     goal permits for the present estimate of its parameter. A goal in percent permits another U on
     every possible machine; an uncertainty is therefore computed as a multiple of what the goal
-    permits, and stated for the present estimate. ``in_reach`` is the expanded uncertainty that 40
-    circles do not exceed on as many machines as the goals are to be met on.
+    permits, and stated for the present estimate.
     """
     floor = dict(zip(family.goals, family.quick.floor().tolist(), strict=True))
     stuck = [name for name, distance in floor.items() if distance > 0.0]
@@ -180,7 +175,6 @@ def obstacles_of(
             certificate=certificate,
             U_with_certificate=limits[name] * float(np.exp(distance)),
             reached=distance <= 0.0,
-            reachable_U=in_reach[name],
         )
     return obstacles
 

@@ -27,8 +27,8 @@ __all__ = ["goal_design_head", "goal_design_sentences", "goal_notes", "holder_in
 _TEMPLATES = SentenceFile("goals")
 
 # A goal that is out of reach can be replaced by a larger one. The goal that is suggested exceeds by
-# this factor the U that 40 circles leave at most on as many machines as were asked for: the search
-# judges its campaigns on further machines, too.
+# this factor the U that the nearest campaign leaves at most on as many machines as were asked for:
+# the search judges its campaigns on further machines, too, and other circles come nearest to it.
 _ABOVE_REACHED = 1.05
 
 
@@ -98,21 +98,53 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
                 "in_reach": _goal_in_reach(stated, near_miss.reachable_U),
             }
         )
+    within_time = _goals_within_time(result)
     planes: list[str] = []
     if result.customary:
         tests = result.customary[0].customary.tests
         if "plane" in tests:
             planes = list(dict.fromkeys(tests["plane"]))
-    reasons = _TEMPLATES.sentences("goal_design_reasons", result, obstacles, near_misses, planes)
+    reasons = _TEMPLATES.sentences(
+        "goal_design_reasons", result, obstacles, near_misses, within_time, planes
+    )
     return reasons + notes
 
 
-def _goal_in_reach(stated: StatedGoal, reachable_U: float) -> str:
-    """Return a goal that 40 circles reach, as text; empty if it would be no less than U now.
+def _goals_within_time(result: GoalDesign) -> list[dict[str, str | None]]:
+    """Return texts on the goals that only the longest machine time keeps out of reach.
 
-    ``reachable_U`` is the expanded uncertainty (k = 2) that these circles leave at most on as many
-    machines as the goals are to be met on. The text is rounded up, so that it is reached too.
+    They state what the nearest campaign within this time leaves.
     """
+    if not result.too_long or result.nearest is None:
+        return []
+    items = []
+    for name, reachable_U in result.in_reach.items():
+        if name in result.unreachable:
+            continue
+        stated = result.goals[name]
+        factor, unit = display_unit(stated.goal.unit)
+        likely_U = result.nearest.goals[name].likely_U
+        limit, likely = digits_apart(stated.limit_U, [likely_U], factor)
+        items.append(
+            {
+                "name": display_name(name),
+                "likely_U": f"{likely} {unit}",
+                "limit": f"{limit} {unit}",
+                "in_reach": _goal_in_reach(stated, reachable_U),
+            }
+        )
+    return items
+
+
+def _goal_in_reach(stated: StatedGoal, reachable_U: float | None) -> str | None:
+    """Return a goal that is in reach, as text; empty if it would be no less than U now.
+
+    ``reachable_U`` is the expanded uncertainty (k = 2) that the nearest campaign leaves at most on
+    as many machines as the goals are to be met on; the result is None if it is. The text is rounded
+    up, so that it is reached too.
+    """
+    if reachable_U is None:
+        return None
     factor, unit = display_unit(stated.goal.unit)
     size = _ABOVE_REACHED * reachable_U * factor
     step = 10.0 ** (math.floor(math.log10(size)) - 1)
