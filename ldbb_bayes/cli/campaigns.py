@@ -206,6 +206,7 @@ def simulate(
     """
     # These modules load SciPy, which takes a long time. They are therefore imported here, and not
     # at the top of the file.
+    from ldbb_bayes.analysis.design.candidates import with_angles_as_run
     from ldbb_bayes.analysis.design.states import draw_machine_like_pilot
     from ldbb_bayes.model.specification import Truths, is_truths, model_to_toml, read_truths
 
@@ -243,6 +244,7 @@ def simulate(
             f"{truth}: 'forces_N' must stand in truths given alone, got it beside {source}. Remove"
             " one of them.",
         )
+    plan = with_angles_as_run(plan)
     with placed(truth or source):
         simulation = model.simulate(
             plan,

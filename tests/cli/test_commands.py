@@ -308,6 +308,27 @@ def test_quiet_commands_do_not_say_what_they_wrote(
     assert names_in(tmp_path / "quiet") == names_in(tmp_path / "loud")
 
 
+def test_simulate_writes_angles_in_the_direction_in_which_a_plan_is_run(
+    tmp_path: Path, invoke: Invoke
+) -> None:
+    """Angles increase counterclockwise. The arc from 20° to 240° is run clockwise from 240°."""
+    (tmp_path / "plan").mkdir()
+    arc = "readings = 100\nstart_deg = 20.0\narc_deg = 220.0\n"
+    tests = [
+        '[[test]]\nforce_N = 36.0\ndirection = "CW"\n',
+        '[[test]]\nforce_N = 200.0\ndirection = "CCW"\n',
+        '[[test]]\nforce_N = 742.0\ndirection = "CW"\n' + arc,
+    ]
+    head = 'schema = 1\ntopology = "wCAFYXZSt"\nplane = "XY"\nradius_mm = 150.0\n'
+    (tmp_path / "plan" / "campaign.toml").write_text(head + "".join(tests))
+    assert invoke("simulate", tmp_path / "plan", "--out", tmp_path / "run")[0] == 0
+    clockwise, other, arc_clockwise = lb.read_campaign(tmp_path / "run").tests
+    assert np.all(np.diff(clockwise.angle_deg) < 0.0)
+    assert np.all(np.diff(other.angle_deg) > 0.0)
+    assert np.all(np.diff(arc_clockwise.angle_deg) < 0.0)
+    assert arc_clockwise.angle_deg[[0, -1]] == pytest.approx([240.0, 20.0])
+
+
 def test_simulate_from_truths(tmp_path: Path, invoke: Invoke) -> None:
     truths = tmp_path / "truths.toml"
     lines = [

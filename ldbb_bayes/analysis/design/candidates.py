@@ -15,7 +15,14 @@ from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.campaign.circular_test import planned_angles
 from ldbb_bayes.machine.chain import PLANES
 
-__all__ = ["VERY_MANY_REPETITIONS", "Clocking", "add_foreseen_tests", "grid_of_tests", "templates"]
+__all__ = [
+    "VERY_MANY_REPETITIONS",
+    "Clocking",
+    "add_foreseen_tests",
+    "grid_of_tests",
+    "templates",
+    "with_angles_as_run",
+]
 
 # The uncertainty that would remain after very many circles is computed as if each candidate circle
 # were run this number of times.
@@ -54,6 +61,21 @@ def templates(pilot: Campaign, directions: Sequence[Direction] = ()) -> tuple[Ci
             plane_directions = dict.fromkeys(test.direction for test in in_plane)
         tests += [_in_direction(template, direction) for direction in plane_directions]
     return tuple(tests)
+
+
+def with_angles_as_run(plan: Campaign) -> Campaign:
+    """Return a campaign whose planned tests have their angles in the order in which they are run.
+
+    A test that is run clockwise has decreasing angles. Tests that have readings, and those that
+    state no direction or whose angles are not evenly spaced, stay as they are.
+    """
+    tests = []
+    for test in plan.tests:
+        if test.reading_um is None and test.direction is not None and test.step_deg:
+            tests.append(_in_direction(test, test.direction))
+        else:
+            tests.append(test)
+    return replace(plan, tests=tuple(tests))
 
 
 def _in_direction(test: CircularTest, direction: Direction | None) -> CircularTest:

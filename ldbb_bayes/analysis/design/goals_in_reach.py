@@ -26,7 +26,7 @@ from ldbb_bayes.analysis.design.judged_campaigns import (
 from ldbb_bayes.analysis.design.simulated_analyses import StatedByMachines
 from ldbb_bayes.results import Array
 
-__all__ = ["nearest_campaign", "u_in_reach"]
+__all__ = ["nearest_campaign", "u_in_reach", "u_of_campaign"]
 
 # Distances ln(u/u*) from the goals that agree to this number of decimals count as equal, so that
 # the cheaper campaign is taken.
@@ -40,8 +40,7 @@ def nearest_campaign(
 
     A goal that is far out of reach would decide alone which campaign is the nearest. All goals are
     therefore compared with what a campaign of the largest choice leaves of them, where this is more
-    than the goal permits. The campaign is judged on as many machines as one that the search for the
-    cheapest campaign finds.
+    than the goal permits.
 
     Parameters
     ----------
@@ -77,7 +76,7 @@ def nearest_campaign(
             nearest = (family, tests)
     if nearest is None:
         return None
-    return judged_on_fresh_machines(judge_plan(*nearest))
+    return judge_plan(*nearest)
 
 
 def _relaxed(goals: Mapping[str, Goal], distances: Array) -> dict[str, Goal]:
@@ -90,6 +89,21 @@ def _relaxed(goals: Mapping[str, Goal], distances: Array) -> dict[str, Goal]:
     for (name, goal), distance in zip(goals.items(), distances.tolist(), strict=True):
         relaxed[name] = goal.times(float(np.exp(max(distance, 0.0))))
     return relaxed
+
+
+def u_of_campaign(
+    campaign: JudgedCampaign, goals: Mapping[str, Goal], probability: float
+) -> dict[str, float]:
+    """Return standard uncertainties that are in reach with a campaign, as `u_in_reach` states them.
+
+    They are reached on the machines on which the campaign was judged, and on these and fresh
+    machines together: the search for the cheapest campaign asks for both.
+    """
+    sizes: dict[str, float] = {}
+    for stated in (campaign.stated, judged_on_fresh_machines(campaign).stated):
+        for name, u in u_in_reach(stated, goals, probability).items():
+            sizes[name] = max(u, sizes.get(name, 0.0))
+    return {name: sizes[name] for name in goals if name in sizes}
 
 
 def u_in_reach(
