@@ -387,9 +387,9 @@ def test_hours_in_which_no_campaign_fits_are_answered_with_what_the_shortest_tak
 
 
 @pytest.mark.slow
-def test_what_to_ask_for_within_the_hours_is_reached_within_them():
-    """All goals together, of which one is out of reach and the others take longer."""
-    goals = {"C_XXX": "10 %", "C_YYY": "12 %", "E_C0YX": "3 µrad"}
+def test_what_to_ask_for_within_the_hours_is_what_a_campaign_within_them_leaves():
+    """Two goals are out of reach; the third, which is reached, stays as it is."""
+    goals = {"C_XXX": "8 %", "C_YYY": "12 %", "E_C0YX": "3 µrad"}
     options = {"costs": Costs(hours=0.7), "augment": True}
     design = lb.design(MODEL, PILOT, goals=goals, **options)
     text = " ".join(text_of(design).split())
@@ -397,9 +397,8 @@ def test_what_to_ask_for_within_the_hours_is_reached_within_them():
     assert design.nearest.minutes <= 42.0
     asked = dict(re.findall(r"(C_...): no number [^:]*? Ask for ([0-9.]+ nm/N) or more", text))
     assert set(asked) == {"C_XXX", "C_YYY"}
-    again = lb.design(MODEL, PILOT, goals={**goals, **asked}, **options)
-    assert again.all_reached
-    assert again.best.minutes <= 42.0
+    assert set(design.in_reach) == {"C_XXX", "C_YYY"}
+    assert minutes_of(Costs(), design.nearest.plan().tests) == design.nearest.minutes
 
 
 @pytest.mark.parametrize(

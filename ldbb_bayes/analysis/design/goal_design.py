@@ -42,7 +42,11 @@ from ldbb_bayes.analysis.design.goal_design_result import (
     StatedGoal,
 )
 from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, USUAL_PROBABILITY, Goal, goals_in
-from ldbb_bayes.analysis.design.goals_in_reach import nearest_campaign, u_of_campaign
+from ldbb_bayes.analysis.design.goals_in_reach import (
+    nearest_campaign,
+    u_in_reach,
+    u_of_campaign,
+)
 from ldbb_bayes.analysis.design.judged_campaigns import (
     JudgedCampaign,
     are_enough,
@@ -305,8 +309,9 @@ def _with_what_is_in_reach(
         return replace(design, shortest_minutes=min(shortest))
     u = u_of_campaign(nearest, needed, design.probability)
     if cheapest is not None and any(name in u for name in cheapest.family.goals):
+        # The search has judged this campaign on fresh machines already.
         nearest = cheapest
-        u = u_of_campaign(nearest, needed, design.probability)
+        u = u_in_reach(cheapest.stated, needed, design.probability)
     in_reach = {name: COVERAGE_FACTOR * size for name, size in u.items()}
     obstacles = {}
     for name, obstacle in design.obstacles.items():
