@@ -388,7 +388,7 @@ def test_hours_in_which_no_campaign_fits_are_answered_with_what_the_shortest_tak
 
 @pytest.mark.slow
 def test_what_to_ask_for_within_the_hours_is_what_a_campaign_within_them_leaves():
-    """Two goals are out of reach; the third, which is reached, stays as it is."""
+    """Two goals are out of reach whatever the time; the third is so within this time."""
     goals = {"C_XXX": "8 %", "C_YYY": "12 %", "E_C0YX": "3 µrad"}
     options = {"costs": Costs(hours=0.7), "augment": True}
     design = lb.design(MODEL, PILOT, goals=goals, **options)
@@ -397,7 +397,9 @@ def test_what_to_ask_for_within_the_hours_is_what_a_campaign_within_them_leaves(
     assert design.nearest.minutes <= 42.0
     asked = dict(re.findall(r"(C_...): no number [^:]*? Ask for ([0-9.]+ nm/N) or more", text))
     assert set(asked) == {"C_XXX", "C_YYY"}
-    assert set(design.in_reach) == {"C_XXX", "C_YYY"}
+    assert set(asked) < set(design.in_reach)
+    for name, goal in asked.items():
+        assert float(goal.split()[0]) >= 1.05e6 * design.in_reach[name]
     assert minutes_of(Costs(), design.nearest.plan().tests) == design.nearest.minutes
 
 
