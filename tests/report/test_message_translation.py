@@ -15,6 +15,7 @@ import messages
 import pytest
 from campaigns import Invoke
 
+import ldbb_bayes as lb
 from ldbb_bayes.reading.assumptions import AssumptionLog
 from ldbb_bayes.report.message_translation import in_language, is_own_text
 from ldbb_bayes.report.wording.fixed_texts import SENTENCES
@@ -186,4 +187,7 @@ def test_notes_and_refusals_of_a_field_file_have_german_words(
         refusal = " ".join(stderr.split()).removeprefix("ldbb-bayes: ")
         texts = {refusal.replace(f"{tmp_path}/", "")}
         invoke("import", *paths, *options, *case.step)
-    assert untranslated(texts, *(path.name for path in paths)) == []
+    names = [path.name for path in paths]
+    if (tmp_path / "campaign").exists():
+        names += [test.name for test in lb.read_campaign(tmp_path / "campaign").tests]
+    assert untranslated(texts, *names) == []
