@@ -102,7 +102,11 @@ def test_sets_of_offers_hold_every_combination_but_what_is_stated_already():
             lb.Instrument(work=lb.Ball(grade="G5"), tool=lb.Ball(grade="G5")),
             "the campaign states the work ball and the tool ball. Leave this certificate out.",
         ),
-        ("bar", lb.Instrument(bar_U_um=2.0), "states the bar's length. Leave this certificate out."),
+        (
+            "bar",
+            lb.Instrument(bar_U_um=2.0),
+            "states the bar's length. Leave this certificate out.",
+        ),
     ],
 )
 def test_an_offer_of_what_is_stated_already_is_refused(word, instrument, message):
