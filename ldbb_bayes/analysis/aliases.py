@@ -254,7 +254,7 @@ def _all_coefficients(bound: BoundModel) -> _Coefficients:
     terms = {**ready_made_terms(bound), **modelled}
     names = list(bound.names)
     owners = [""] * len(bound.names)
-    columns = [bound.interest]
+    columns = [bound.interest_columns]
     prior_sd = [bound.scale]
     for kind in Term.kinds.values():
         if kind not in terms:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from ldbb_bayes.analysis.budgets import Budget, Contribution
 from ldbb_bayes.analysis.origins import Origin
-from ldbb_bayes.model.terms.columns import OWN
+from ldbb_bayes.model.terms.columns import PARAMETERS
 from ldbb_bayes.results import Result
 from ldbb_bayes.units import ranked
 
@@ -85,7 +85,7 @@ def deciding_assumptions(
     shares: dict[str, dict[str, float]] = {}
     for name, budget in budgets.items():
         for line in budget.contributions:
-            if line.origin == origin and line.term != OWN:
+            if line.origin == origin and line.term != PARAMETERS:
                 lines_by_term.setdefault(line.term, []).append(line)
                 of_term = shares.setdefault(line.term, {})
                 of_term[name] = of_term.get(name, 0.0) + line.share

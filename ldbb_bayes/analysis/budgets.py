@@ -41,7 +41,7 @@ from ldbb_bayes.model.bound_information import information_of, informations_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.terms import BasisNoise, Columns, Term
-from ldbb_bayes.model.terms.columns import NOISE, OWN
+from ldbb_bayes.model.terms.columns import NOISE, PARAMETERS
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, ByName, Result
 from ldbb_bayes.units import ranked
@@ -140,7 +140,9 @@ class Budget(Result):
     def _check_term(self, term: str) -> None:
         """Raise an `InputError` unless ``term`` is the name of a source's term, or of any term."""
         listed = [line.term for line in self.contributions]
-        check_known("term", [term], dict.fromkeys([*listed, OWN, NOISE, MODEL_CHOICE, *Term.kinds]))
+        check_known(
+            "term", [term], dict.fromkeys([*listed, PARAMETERS, NOISE, MODEL_CHOICE, *Term.kinds])
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,7 +317,7 @@ def _budget_of_model(model: AveragedModel) -> _ModelBudget:
     information = information_of(bound, phi)
     interest = information.interest
     scale = information.scale[interest]
-    covariance_of_draws = np.atleast_2d(np.cov(model.beta[:, model.places].T, ddof=0))
+    covariance_of_draws = np.atleast_2d(np.cov(model.beta[:, model.parameter_indices].T, ddof=0))
     scaled_covariance = covariance_of_draws / np.outer(scale, scale)
     covariance = information.covariance()
     present_variance = np.diag(covariance)[interest]
@@ -348,7 +350,7 @@ def _variance_of_parameter(
     for budget in budgets:
         # Row of the parameter in the arrays of this model's budget; empty if the model does not
         # have the parameter.
-        rows_of_parameter = np.flatnonzero(budget.model.places == i)
+        rows_of_parameter = np.flatnonzero(budget.model.parameter_indices == i)
         for row in rows_of_parameter.tolist():
             weight = budget.model.probability * float(budget.variance[row])
             by_model.append(_WeightedBudget(budget, row, weight))
@@ -425,7 +427,7 @@ def _origin_of(budget: _ModelBudget, row: int, source: str, term: str) -> Origin
     The source is in the budget of the parameter with the index ``row``. ``source`` and ``term`` are
     the names of the source and of its model term.
     """
-    if term == OWN and is_prior_stated(budget.bound, budget.bound.names[row]):
+    if term == PARAMETERS and is_prior_stated(budget.bound, budget.bound.names[row]):
         return Origin.STATED
     return budget.origins[source, term]
 

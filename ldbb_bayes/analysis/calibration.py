@@ -431,7 +431,7 @@ def _rank_replicate(study: _Study, seed: np.random.SeedSequence) -> Ranks | str:
         return str(error)
     hyper_prior = bound.hyper_prior
     true_by_name = dict(simulation.parameters) | _values_without_effect(hyper_prior)
-    for name, um_per_unit in zip(hyper_prior.names, hyper_prior.shown, strict=True):
+    for name, um_per_unit in zip(hyper_prior.names, hyper_prior.display_factors, strict=True):
         if name in simulation.hyper_um:
             true_by_name[name] = simulation.hyper_um[name] / float(um_per_unit)
     names = (*bound.names, *hyper_prior.names)

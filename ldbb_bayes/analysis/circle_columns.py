@@ -71,7 +71,7 @@ def machine_columns(bound: BoundModel, r: int, force_N: float) -> MachineColumns
     """
     is_geometric = np.array([parameter.group == "geometric" for parameter in bound.parameters])
     elastic = force_N * bound.setting.elastic[r] @ bound.compliance_at(force_N)
-    return MachineColumns(elastic, np.where(is_geometric, bound.interest[r], 0.0))
+    return MachineColumns(elastic, np.where(is_geometric, bound.interest_columns[r], 0.0))
 
 
 def second_order_factors(bound: BoundModel, r: int) -> SecondOrderFactors:

@@ -599,11 +599,13 @@ def _posterior_mean(bound: BoundModel, phi: Array) -> Array:
     ``phi`` are the h hyper-parameters, shape (h,), with lengths in mm. Shared nuisance coefficients
     act in several tests. The means have the order of `information_of`: parameters first.
     """
-    _, parameters = bound.given(phi[None])
+    parameters = bound.given(phi[None]).parameters
     beta = parameters.mean[0]
     if not shared_terms(bound.nuisance_columns):
         return np.asarray(beta)
-    _, nuisances = bound.given_interest.conditional(phi[None], (beta - bound.centre)[None])
+    _, nuisances = bound.likelihood_given_parameters.conditional(
+        phi[None], (beta - bound.least_squares_estimate)[None]
+    )
     return np.concatenate([beta, nuisances.mean[0]])
 
 

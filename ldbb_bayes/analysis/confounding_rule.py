@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 
 from ldbb_bayes.analysis.origins import MAJORITY, Origin
 from ldbb_bayes.analysis.variance_sources import VarianceSource
-from ldbb_bayes.model.terms.columns import OWN
+from ldbb_bayes.model.terms.columns import PARAMETERS
 
 __all__ = ["NEAR_TIE", "SAME_COMBINATION", "confounding_sources"]
 
@@ -45,7 +45,7 @@ def confounding_sources(
     """
     candidates = []
     for source in sources:
-        is_effect = source.origin == Origin.ASSUMED and source.name != OWN
+        is_effect = source.origin == Origin.ASSUMED and source.name != PARAMETERS
         if is_effect and source.share >= _NAMED_SHARE:
             candidates.append(source)
     for first in candidates:

@@ -225,11 +225,11 @@ def validate_gum(
     sd = beta.std(axis=0, ddof=1)
     low, high = mixtures.quantiles(levels)
     errors = _STANDARD_ERRORS * mixtures.quantile_errors(levels).max(axis=0)
-    _, linear = model.bound.given(model.phi.mean(axis=0)[None])
+    linear = model.bound.given(model.phi.mean(axis=0)[None]).parameters
     expanded = float(ndtri(1.0 - tail)) * linear.sd[0]
     parameters = bound.parameters
     comparisons = ByName[GumComparison]()
-    for row, place in enumerate(model.places.tolist()):
+    for row, place in enumerate(model.parameter_indices.tolist()):
         estimate = linear.mean[0, row]
         gum_low = estimate - expanded[row]
         gum_high = estimate + expanded[row]

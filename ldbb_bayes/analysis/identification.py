@@ -245,7 +245,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
         alias=_alias_matrix(bound, information),
         correlation=_correlation(information),
         certificates=certificates,
-        hyper_um=bound.hyper_prior.named(mean_phi),
+        hyper_um=bound.hyper_prior.display_values(mean_phi),
         measured=not campaign.is_plan,
         averaged_sd=EitherSpelling(tests.averaged_sd),
         scales_from_pilot=_has_measured_pilot(campaign),
@@ -472,7 +472,7 @@ def _alias_matrix(bound: BoundModel, information: Information) -> pd.DataFrame:
     interest = information.interest
     names = np.array(information.names)
     nuisances = np.setdiff1d(np.arange(len(names)), interest)
-    blocks = [test.factor @ bound.interest[r] for r, test in enumerate(bound.reduced)]
+    blocks = [test.factor @ bound.interest_columns[r] for r, test in enumerate(bound.reduced)]
     rows = np.concatenate(blocks)
     effects = np.concatenate(information.design) * information.scale
     scale = information.scale[interest]

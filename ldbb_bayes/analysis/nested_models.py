@@ -134,7 +134,7 @@ class NestedModels:
         _, density = self.bound.collapsed.conditional_of(self.places, phi)
         p = len(self.bound.names)
         mean = density.mean.copy()
-        mean[:, :p] += self.bound.centre - self.bound.prior_mean
+        mean[:, :p] += self.bound.least_squares_estimate - self.bound.prior_mean
         covariance = density.covariance / np.outer(self.prior_sd, self.prior_sd)
         return Coefficients(mean / self.prior_sd, covariance)
 

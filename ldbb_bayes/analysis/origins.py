@@ -37,7 +37,7 @@ from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.parameter_kinds import settings_of_sd
 from ldbb_bayes.model.terms import BasisNoise, Columns, Term
-from ldbb_bayes.model.terms.columns import NOISE, OWN, Source
+from ldbb_bayes.model.terms.columns import NOISE, PARAMETERS, Source
 
 __all__ = [
     "MAJORITY",
@@ -78,8 +78,9 @@ def origins(bound: BoundModel, information: Information) -> dict[tuple[str, str]
 
     The keys are the same as in `Information.shares`. Each key is a pair of names: the name of the
     source (a coefficient or a kind of noise), and the class name of the model term to which the
-    source belongs. In this function, the priors of the parameters (key ``(OWN, OWN)``) count as
-    assumed. Use `is_prior_stated` to find out whether the user gave the prior of a parameter.
+    source belongs. In this function, the priors of the parameters (key ``(PARAMETERS,
+    PARAMETERS)``) count as assumed. Use `is_prior_stated` to find out whether the user gave the
+    prior of a parameter.
 
     Parameters
     ----------
@@ -89,9 +90,9 @@ def origins(bound: BoundModel, information: Information) -> dict[tuple[str, str]
         Linear model of the readings (`Information`), at one value of the hyper-parameters.
     """
     sd_ratio = information.sd_from_readings()
-    origin_of: dict[tuple[str, str], Origin] = {(OWN, OWN): Origin.ASSUMED}
+    origin_of: dict[tuple[str, str], Origin] = {(PARAMETERS, PARAMETERS): Origin.ASSUMED}
     for k, (name, owner) in enumerate(zip(information.names, information.owners, strict=True)):
-        if owner == OWN:
+        if owner == PARAMETERS:
             continue
         origin = Origin.ASSUMED
         if is_size_stated(bound, name, term_named(bound, owner)):

@@ -35,8 +35,8 @@ from ldbb_bayes.analysis.verdicts import (
 )
 from ldbb_bayes.inference.averaged_models import AveragedModel, averaged_models
 from ldbb_bayes.inference.elastic_deflections import compliance_curves
-from ldbb_bayes.inference.kept_results import kept
 from ldbb_bayes.inference.posterior import bound_of
+from ldbb_bayes.inference.posterior_cache import cached_by_posterior
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread
@@ -111,7 +111,7 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
     return dict(judge_quantities(posterior).parameters)
 
 
-@kept
+@cached_by_posterior
 @one_blas_thread
 def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
     """Return the verdict on every parameter, and on every compliance's change with force.
@@ -137,7 +137,7 @@ def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
     )
 
 
-@kept
+@cached_by_posterior
 @one_blas_thread
 def judge_at_force(posterior: xr.DataTree, force_N: float) -> dict[str, ParameterIdentifiability]:
     """Return the verdict on every parameter, with the compliances C(F) at one force F.
@@ -173,7 +173,7 @@ def _variance_at_force(model: AveragedModel, force_N: float) -> ModelVariance:
     """
     variance = _variance_of_model(model, {})
     bound = model.bound
-    beta = model.beta[:, model.places]
+    beta = model.beta[:, model.parameter_indices]
     forces_N = np.array([force_N])
     curves = compliance_curves(bound, model.phi, beta, forces_N, np.random.default_rng(0))[:, 0]
     weights_of = compliance_weights(bound, variance.information, force_N)
@@ -183,7 +183,7 @@ def _variance_at_force(model: AveragedModel, force_N: float) -> ModelVariance:
     for index, compliance in enumerate(bound.compliances):
         if compliance.label not in bound.names:
             continue
-        place = model.places[bound.names.index(compliance.label)]
+        place = model.parameter_indices[bound.names.index(compliance.label)]
         weights[place] = weights_of[compliance.label]
         mean[place] = curves[:, index].mean()
         sd[place] = curves[:, index].std()
@@ -198,7 +198,7 @@ class _VarianceWithChanges(NamedTuple):
     changes: dict[str, CurveChange]  #: changes of compliances with force, by name of compliance
 
 
-@kept
+@cached_by_posterior
 def _variance_with_changes(posterior: xr.DataTree) -> _VarianceWithChanges:
     """Return the variances of parameters and of compliances' changes with force in a posterior.
 
@@ -227,7 +227,7 @@ def _variance_of_model(model: AveragedModel, changes: Mapping[str, CurveChange])
     information = information_of(bound, model.phi.mean(axis=0))
     number_of_parameters = model.beta.shape[1]
     weights = np.zeros((number_of_parameters + len(changes), len(information.names)))
-    weights[model.places] = weights_of_parameters(information)
+    weights[model.parameter_indices] = weights_of_parameters(information)
     mean = [model.mean]
     sd = [model.sd]
     if changes:
@@ -257,7 +257,7 @@ def _drawn_changes(model: AveragedModel, names: Sequence[str]) -> Array:
     bound = model.bound
     tested_N = bound.setting.force_N
     ends_N = np.array([tested_N.min(), tested_N.max()])
-    beta = model.beta[:, model.places]
+    beta = model.beta[:, model.parameter_indices]
     curves = compliance_curves(bound, model.phi, beta, ends_N, np.random.default_rng(0))
     labels = [compliance.label for compliance in bound.compliances]
     places = [labels.index(name) for name in names]

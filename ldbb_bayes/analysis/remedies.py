@@ -4,7 +4,7 @@ A remedy is a change of the plan (another order of the circles, the other direct
 turned balls, more circles, a second radius) or a certificate of the instrument. Each remedy is
 tried: the standard uncertainty of every parameter is computed for the changed plan, or for the
 campaign with the certificate (`Information`). The hyper-parameters φ, such as the standard
-deviation of the noise, keep their values (`HyperPrior.carried`).
+deviation of the noise, keep their values (`HyperPrior.values_from`).
 
 If a remedy adds circles to a plan, it at most doubles their number. The uncertainty would also
 decrease if all readings were taken twice under the same conditions. Circles under other conditions

@@ -5,9 +5,9 @@ instrument. The plan is changed by the circles that it foresees and that have no
 another order of the circles, circles in the other direction of travel, circles with turned balls,
 more circles, or circles of a second radius. The uncertainties are computed for the changed plan, or
 for the campaign with the certificate. The hyper-parameters φ, such as the standard deviation of the
-noise, keep their values (`HyperPrior.carried`). Some effects in the model depend on an estimate of
-the machine's compliances. This estimate comes from the unchanged campaign, or from its pilot (the
-campaign from which it was planned).
+noise, keep their values (`HyperPrior.values_from`). Some effects in the model depend on an estimate
+of the machine's compliances. This estimate comes from the unchanged campaign, or from its pilot
+(the campaign from which it was planned).
 """
 
 from __future__ import annotations
@@ -186,7 +186,7 @@ class TriedRemedies:
         model of the campaign or plan that results from the remedies. The hyper-parameters keep the
         values that they have without the remedies.
         """
-        carried = changed.hyper_prior.carried(self.bound.hyper_prior, self.phi)
+        carried = changed.hyper_prior.values_from(self.bound.hyper_prior, self.phi)
         return information_of(changed, carried)
 
 

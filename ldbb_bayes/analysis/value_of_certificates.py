@@ -71,8 +71,8 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
     """
     certified_campaign = replace(bound.campaign, instrument=instrument)
     certified = BoundModel(bound.model, certified_campaign, pilot=bound.pilot)
-    carried = certified.hyper_prior.carried(bound.hyper_prior, phi)
-    _, posterior = certified.given(carried)
+    carried = certified.hyper_prior.values_from(bound.hyper_prior, phi)
+    posterior = certified.given(carried).parameters
     error_of_mean = posterior.mean - weight @ posterior.mean
     return np.asarray(np.sqrt(weight @ (posterior.sd**2 + error_of_mean**2)))
 
@@ -114,7 +114,7 @@ def averaged_moments(bound: BoundModel, combinations: Array, weight: Array, phi:
     # are put in the same order.
     rows = np.concatenate([combinations[:, number:], combinations[:, :number]], axis=1)
     density = bound.collapsed.conditional(sample.phi)[1]
-    mean = density.mean @ rows.T + combinations[:, :number] @ bound.centre
+    mean = density.mean @ rows.T + combinations[:, :number] @ bound.least_squares_estimate
     variance = np.sum(density.spread(rows) ** 2, axis=2)
     average = sample.weight @ mean
     return Moments(average, np.sqrt(sample.weight @ (variance + (mean - average) ** 2)))

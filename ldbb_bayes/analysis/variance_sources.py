@@ -26,7 +26,7 @@ import numpy as np
 from ldbb_bayes.analysis.origins import Origin, is_prior_stated, origins
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
-from ldbb_bayes.model.terms.columns import OWN
+from ldbb_bayes.model.terms.columns import PARAMETERS
 from ldbb_bayes.results import Array, Result
 from ldbb_bayes.units import ranked
 
@@ -134,7 +134,7 @@ class ModelVariance:
         errors: dict[tuple[str, Origin], Array] = {}
         for key, covariance in information.error_covariances(self.weights).items():
             term = key[1]
-            if term != OWN:
+            if term != PARAMETERS:
                 source = (term, self.origins[key])
                 errors[source] = errors.get(source, 0.0) + scale * covariance
         if information.flat:
@@ -288,10 +288,10 @@ class AveragedVariance:
         """
         shares: dict[str, Array] = {}
         if not self.models[0].information.flat:
-            shares[OWN] = np.zeros(len(self.variance))
+            shares[PARAMETERS] = np.zeros(len(self.variance))
         parameters = {name for model in self.models for name in model.bound.names}
         for (source, _), covariance in self.errors.items():
-            term = OWN if source in parameters else source
+            term = PARAMETERS if source in parameters else source
             shares[term] = shares.get(term, 0.0) + np.diag(covariance) / self._divisor
         return shares
 
@@ -338,7 +338,7 @@ class AveragedVariance:
         shares: dict[tuple[str, Origin], float] = {}
         patterns: dict[str, Array] = {}
         for (source, origin), covariance in self.errors.items():
-            label = OWN if source in parameters else source
+            label = PARAMETERS if source in parameters else source
             share = float(covariance[index, index] / self._divisor[index])
             shares[label, origin] = shares.get((label, origin), 0.0) + share
             if origin == Origin.ASSUMED:

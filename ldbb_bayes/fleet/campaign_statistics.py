@@ -106,7 +106,7 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
     mean, covariance = mixture_covariance(
         weight, np.concatenate(means), np.concatenate(covariances)
     )
-    mean[: len(bound.names)] += bound.centre
+    mean[: len(bound.names)] += bound.least_squares_estimate
     mean[len(bound.names) :] += chosen.prior_mean[len(bound.names) :]
     return SufficientStatistics(
         names=chosen.names,

@@ -15,8 +15,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ldbb_bayes.inference.kept_results import kept
 from ldbb_bayes.inference.posterior import bound_of, draws_of, record_of
+from ldbb_bayes.inference.posterior_cache import cached_by_posterior
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array
 
@@ -35,7 +35,7 @@ class AveragedModel:
     probability: float
     bound: BoundModel  #: one of the averaged models, applied to the campaign
     #: indices of the model's parameters among the p parameters of all averaged models
-    places: NDArray[np.intp]
+    parameter_indices: NDArray[np.intp]
     #: n posterior draws that come from this model: values of the p parameters, shape (n, p). The p
     #: parameters are those of all averaged models; the parameters that this model lacks are zero.
     beta: Array
@@ -62,7 +62,7 @@ class AveragedModel:
         return np.asarray(self.beta.std(axis=0))
 
 
-@kept
+@cached_by_posterior
 def averaged_models(posterior: xr.DataTree) -> list[AveragedModel]:
     """Return the models over which a posterior is averaged, each with its posterior draws.
 
@@ -84,12 +84,12 @@ def averaged_models(posterior: xr.DataTree) -> list[AveragedModel]:
         is_drawn = model_of_draw == index
         if not is_drawn.any():
             continue
-        places = np.flatnonzero(beta[is_drawn].any(axis=0))
+        parameter_indices = np.flatnonzero(beta[is_drawn].any(axis=0))
         models.append(
             AveragedModel(
                 probability=float(is_drawn.mean()),
-                bound=_bound_of_model(bound, places, description["rivals"]),
-                places=places,
+                bound=_bound_of_model(bound, parameter_indices, description["rivals"]),
+                parameter_indices=parameter_indices,
                 beta=beta[is_drawn],
                 phi=phi[is_drawn],
             )
@@ -98,16 +98,16 @@ def averaged_models(posterior: xr.DataTree) -> list[AveragedModel]:
 
 
 def _bound_of_model(
-    largest: BoundModel, places: NDArray[np.intp], rivals: Sequence[str]
+    largest: BoundModel, parameter_indices: NDArray[np.intp], rivals: Sequence[str]
 ) -> BoundModel:
     """Return one of the averaged models, applied to the readings of a campaign.
 
-    ``largest`` is the model with the parameters of all averaged models. ``places`` holds, for each
-    parameter of the returned model, its index among the parameters of ``largest``. ``rivals`` are
-    the names of the alternative explanations that the returned model contains. Alternative
-    explanations are effects that look like a change of compliance with force.
+    ``largest`` is the model with the parameters of all averaged models. ``parameter_indices``
+    holds, for each parameter of the returned model, its index among the parameters of ``largest``.
+    ``rivals`` are the names of the alternative explanations that the returned model contains.
+    Alternative explanations are effects that look like a change of compliance with force.
     """
-    present = {largest.names[place] for place in places}
+    present = {largest.names[index] for index in parameter_indices}
     absent = [name for name in largest.names if name not in present]
     model = largest.model.fixing(*absent).with_rivals(*rivals)
     return model.bind(largest.campaign)

@@ -109,7 +109,7 @@ def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
     work ball's mount, this deflection is included. The result holds Fourier coefficients of the
     orders 0 to 12, shape (draws, tests, 25). ``bound`` is the model of the campaign.
     """
-    return np.einsum("tkp,wp->wtk", bound.interest, beta) + bound.known_offset
+    return np.einsum("tkp,wp->wtk", bound.interest_columns, beta) + bound.known_offset
 
 
 def shared_terms(
@@ -151,8 +151,10 @@ def draw_shared(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Gener
     draws = []
     for start in range(0, len(phi), CHUNK):
         chunk = slice(start, start + CHUNK)
-        shifted = beta[chunk] - bound.centre
-        draws.append(bound.given_interest.conditional(phi[chunk], shifted)[1].draw(rng))
+        shifted = beta[chunk] - bound.least_squares_estimate
+        draws.append(
+            bound.likelihood_given_parameters.conditional(phi[chunk], shifted)[1].draw(rng)
+        )
     return np.concatenate(draws)
 
 
@@ -194,7 +196,9 @@ def mean_shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Arra
     draws is therefore the prediction for their averages. The result holds Fourier coefficients of
     the orders 0 to 12, shape (tests, 25). ``bound`` is the model of the campaign.
     """
-    shared_means, private_means = bound.given_interest.means(phi, beta - bound.centre)
+    shared_means, private_means = bound.likelihood_given_parameters.means(
+        phi, beta - bound.least_squares_estimate
+    )
     machine = machine_coefficients(bound, beta.mean(axis=0, keepdims=True))[0]
     shared = shared_columns(bound) @ shared_means.mean(axis=0)
     columns = shared_columns(bound, private=True)

@@ -69,13 +69,13 @@ def conditional_draws(
     # are distinct, the density of the parameters is computed only once for each distinct row.
     conditional_of_nodes = None
     if 2 * len(nodes) <= len(free):
-        conditional_of_nodes = bound.given(bound.hyper_prior.phi(nodes))[1]
+        conditional_of_nodes = bound.given(bound.hyper_prior.phi(nodes)).parameters
     for start in range(0, len(free), CHUNK):
         rows = slice(start, start + CHUNK)
         if conditional_of_nodes is not None:
             conditional = conditional_of_nodes.select(node_of_row[rows])
         else:
-            conditional = bound.given(bound.hyper_prior.phi(free[rows]))[1]
+            conditional = bound.given(bound.hyper_prior.phi(free[rows])).parameters
         if truncated:
             beta[rows], exact[rows] = conditional.draw_truncated(rng)
         else:

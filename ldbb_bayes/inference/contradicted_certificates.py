@@ -151,8 +151,8 @@ def _log_mean_ratio(certified: BoundModel, bound: BoundModel, weight: Array, phi
     ``weight``, shape (w,), and ``phi``, shape (w, h), are weights and values of the h
     hyper-parameters given the readings.
     """
-    carried = certified.hyper_prior.carried(bound.hyper_prior, phi)
-    log_ratio = certified.given(carried)[0] - bound.given(phi)[0]
+    carried = certified.hyper_prior.values_from(bound.hyper_prior, phi)
+    log_ratio = certified.given(carried).log_evidence - bound.given(phi).log_evidence
     return float(logsumexp(log_ratio, b=weight / np.sum(weight)))
 
 

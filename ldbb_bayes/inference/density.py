@@ -379,7 +379,7 @@ class JointDensity:
         hyper-parameters transformed to be unbounded, mostly ln(value − lower bound).
         """
         p = len(self.bound.names)
-        return self.bound.centre + x[..., :p] * self.bound.scale, x[..., p:]
+        return self.bound.least_squares_estimate + x[..., :p] * self.bound.scale, x[..., p:]
 
     def join(self, beta: Array, free: Array) -> Array:
         """Convert parameters and hyper-parameters to points of a sampler, shape (..., p + h).
@@ -389,7 +389,9 @@ class JointDensity:
         hyper-parameters transformed to be unbounded, mostly ln(value − lower bound). `split` is the
         inverse.
         """
-        return np.concatenate([(beta - self.bound.centre) / self.bound.scale, free], axis=-1)
+        return np.concatenate(
+            [(beta - self.bound.least_squares_estimate) / self.bound.scale, free], axis=-1
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -65,7 +65,9 @@ def distant_zeros(bound: BoundModel, phi: Array, beta: Array) -> Iterator[Distan
     (bar_length,) = bar_lengths
     shared_names = names_of_shared(bound)
     draws = ModelDraws(bound, phi, beta).thinned(_DRAWS)
-    _, conditional = bound.given_interest.conditional(draws.phi, draws.beta - bound.centre)
+    _, conditional = bound.likelihood_given_parameters.conditional(
+        draws.phi, draws.beta - bound.least_squares_estimate
+    )
     posterior_means = conditional.mean.mean(axis=0)
     remaining_shares = np.diag(information.covariance())
     prior_means = bar_length.prior_mean.tolist()

@@ -73,10 +73,10 @@ def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[
     if len(bound.test_names) < 2 or bound.model.prior.flat:
         return {}
     shift: dict[str, float] = {}
-    conditional = bound.given(phi[None])[1]
+    conditional = bound.given(phi[None]).parameters
     for test in tests:
         remaining = bound.keeping([name for name in bound.test_names if name != test])
-        change = remaining.given(phi[None])[1].mean - conditional.mean
+        change = remaining.given(phi[None]).parameters.mean - conditional.mean
         shift[test] = float((np.abs(change) / conditional.sd).max())
     return shift
 

@@ -9,8 +9,8 @@ import numpy as np
 import xarray as xr
 
 from ldbb_bayes.inference.elastic_deflections import added_compliances, joint_load_of
-from ldbb_bayes.inference.kept_results import kept
 from ldbb_bayes.inference.posterior import bound_of, curves_of, draws_of, record_of
+from ldbb_bayes.inference.posterior_cache import cached_by_posterior
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.parameter_kinds import compliance_unit
 from ldbb_bayes.results import Array
@@ -83,7 +83,7 @@ def draws_at(posterior: xr.DataTree, force_N: float) -> dict[str, Array]:
     return draws
 
 
-@kept
+@cached_by_posterior
 def force_curves(posterior: xr.DataTree) -> ForceCurves:
     """Return posterior draws of every compliance C(F) that may change with force.
 

@@ -30,7 +30,7 @@ from ldbb_bayes.inference.truncation_factor import (
     TruncationFactor,
     mean_probability_inside,
 )
-from ldbb_bayes.model.conditional import ParameterConditional
+from ldbb_bayes.model.conditional import GivenHyperParameters
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array
 
@@ -137,7 +137,7 @@ class HyperPosterior:
         """
         return self._scores.free(self.modes[0][0])
 
-    def given(self, free: Array) -> tuple[Array, ParameterConditional]:
+    def given(self, free: Array) -> GivenHyperParameters:
         """Return ln p(y | φ), shape (w,), and the Gaussian densities p(β | y, φ) for w values of φ.
 
         y are the readings, β the parameters (compliances, their changes with force, geometric

@@ -127,7 +127,7 @@ def fit_least_squares(
     bound = model.bind(campaign)
     # After a model has been applied to readings, its attribute ``centre`` is the least-squares
     # estimate of its parameters.
-    estimate = bound.centre
+    estimate = bound.least_squares_estimate
     coefficients = machine_coefficients(bound, estimate[None])[0]
     predicted_um = {
         test.name: basis(test.angles_rad()) @ of_test * 1e3
@@ -155,7 +155,7 @@ def _uncertainty(bound: BoundModel, quality: FitQuality) -> Array:
     readings = sum(reduced.readings for reduced in bound.reduced)
     sum_of_squares = readings * (quality.rmse_um * 1e-3) ** 2
     freedom = readings - len(bound.names)
-    rows = [reduced.factor @ bound.interest[r] for r, reduced in enumerate(bound.reduced)]
+    rows = [reduced.factor @ bound.interest_columns[r] for r, reduced in enumerate(bound.reduced)]
     jacobian = np.concatenate(rows) * bound.scale
     singular, right = np.linalg.svd(jacobian, full_matrices=False)[1:]
     too_few = freedom <= 0 or len(jacobian) < jacobian.shape[1]

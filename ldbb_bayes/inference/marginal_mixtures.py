@@ -184,10 +184,10 @@ def _of_model(model: AveragedModel, draws: Index) -> MarginalMixtures:
     for start in range(0, len(draws), CHUNK):
         rows = slice(start, start + CHUNK)
         components = _given_hyper_parameters(model, model.phi[draws[rows]], beta[rows])
-        mean[rows, model.places] = components.mean
-        sd[rows, model.places] = components.sd
-        low[rows, model.places] = components.low
-        high[rows, model.places] = components.high
+        mean[rows, model.parameter_indices] = components.mean
+        sd[rows, model.parameter_indices] = components.sd
+        low[rows, model.parameter_indices] = components.low
+        high[rows, model.parameter_indices] = components.high
     return MarginalMixtures(beta, mean, sd, low, high)
 
 
@@ -198,8 +198,8 @@ def _given_hyper_parameters(model: AveragedModel, phi: Array, beta: Array) -> Ma
     deviation of the noise). ``beta``, shape (w, p), holds draws of all p parameters of the average
     over models. The result has only those parameters that ``model`` has.
     """
-    conditional = model.bound.given(phi)[1]
-    of_model = beta[:, model.places]
+    conditional = model.bound.given(phi).parameters
+    of_model = beta[:, model.parameter_indices]
     spread = conditional.spread()
     sd = np.sqrt((spread**2).sum(axis=2))
     low = np.full(sd.shape, -np.inf)

@@ -207,9 +207,9 @@ class WeightedPoints(NamedTuple):
             np.concatenate([self.log_target, other.log_target]),
         )
 
-    def part(self, places: slice) -> WeightedPoints:
-        """Return the points at the given places in the list."""
-        return WeightedPoints(self.points[places], self.log_weight[places], self.log_target[places])
+    def select(self, index: slice) -> WeightedPoints:
+        """Return the points that the slice ``index`` selects."""
+        return WeightedPoints(self.points[index], self.log_weight[index], self.log_target[index])
 
 
 class Redraw(Protocol):
@@ -507,5 +507,5 @@ class RedrawMove:
         while stock is None or len(stock.points) < size:
             fresh = self._redraw.draw(_STOCK, random)
             stock = fresh if stock is None else stock.followed_by(fresh)
-        self._stock = stock.part(slice(size, None))
-        return stock.part(slice(size))
+        self._stock = stock.select(slice(size, None))
+        return stock.select(slice(size))

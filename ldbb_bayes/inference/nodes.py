@@ -203,7 +203,7 @@ class Nodes:
         means = []
         variances = []
         for start in range(0, len(free), CHUNK):
-            _, conditional = self.posterior.given(free[start : start + CHUNK])
+            conditional = self.posterior.given(free[start : start + CHUNK]).parameters
             spread = conditional.spread()
             mean = conditional.mean
             variance = (spread**2).sum(axis=2)

@@ -14,12 +14,12 @@ import xarray as xr
 
 from ldbb_bayes.inference.posterior import bound_of
 
-__all__ = ["OddCircle", "odd_circles"]
+__all__ = ["LARGE_NOISE_FACTOR", "OddCircle", "odd_circles"]
 
 # A circle is odd if its noise factor λ exceeds this value with a probability of 97.5 %. Under the
 # prior, in which circles scatter as Student t with three degrees of freedom, every thirteenth λ
 # exceeds it.
-_LARGE_FACTOR = 2.5
+LARGE_NOISE_FACTOR = 2.5
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,6 @@ def odd_circles(posterior: xr.DataTree) -> tuple[OddCircle, ...]:
         if name not in draws:
             continue
         low, median, high = np.quantile(draws[name].to_numpy(), [0.025, 0.5, 0.975])
-        if low >= _LARGE_FACTOR:
+        if low >= LARGE_NOISE_FACTOR:
             circles.append(OddCircle(test.name, float(median), (float(low), float(high))))
     return tuple(sorted(circles, key=lambda circle: -circle.factor))

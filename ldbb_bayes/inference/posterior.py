@@ -25,7 +25,7 @@ from ldbb_bayes.inference.elastic_deflections import (
     elastic_draws_with,
 )
 from ldbb_bayes.inference.fit import Fit
-from ldbb_bayes.inference.kept_results import kept
+from ldbb_bayes.inference.posterior_cache import cached_by_posterior
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_from_toml
 from ldbb_bayes.results import Array
@@ -386,7 +386,7 @@ class _DrawsForJointLoads(NamedTuple):
     shared: Array
 
 
-@kept
+@cached_by_posterior
 def _draws_for_joint_loads(posterior: xr.DataTree, size: int | None) -> list[_DrawsForJointLoads]:
     """Return the draws that `elastic_draws_of` needs, in the order of `model_draws_of`.
 

@@ -381,7 +381,7 @@ def _expected_circle(bound: BoundModel, draws: SharedDraws, r: int) -> Array:
     the nuisance coefficients (of effects that are modelled but not of interest) that act in several
     tests.
     """
-    machine = draws.beta @ bound.interest[r].T + bound.known_offset[r]
+    machine = draws.beta @ bound.interest_columns[r].T + bound.known_offset[r]
     return np.asarray(machine + draws.shared @ shared_columns(bound)[r].T)
 
 

@@ -65,12 +65,14 @@ def draw_with_shared(
     phi = bound.hyper_prior.phi(free)
     standard = []
     for start in range(0, len(phi), CHUNK):
-        conditional = bound.given(phi[start : start + CHUNK])[1]
+        conditional = bound.given(phi[start : start + CHUNK]).parameters
         conditional.physical = bound.truncation
         standard.append(_draw_standard(conditional, repeats, rng))
     coefficients = bound.collapsed.draw_shared(phi, np.concatenate(standard), rng)
     flat = coefficients.reshape(-1, coefficients.shape[2])
-    return SharedDraws(np.repeat(phi, repeats, axis=0), flat[:, -p:] + bound.centre, flat[:, :-p])
+    return SharedDraws(
+        np.repeat(phi, repeats, axis=0), flat[:, -p:] + bound.least_squares_estimate, flat[:, :-p]
+    )
 
 
 def _draw_standard(

@@ -290,8 +290,8 @@ def _nuisance_moments(draws: ModelDraws, names: list[Any]) -> tuple[Array, Array
     the names of the coefficients.
     """
     bound = draws.bound
-    shifted = draws.beta - bound.centre
-    _, conditional = bound.given_interest.conditional(draws.phi, shifted)
+    shifted = draws.beta - bound.least_squares_estimate
+    _, conditional = bound.likelihood_given_parameters.conditional(draws.phi, shifted)
     position = np.array([names.index(name) for name in names_of_shared(bound)], dtype=int)
     mean = np.zeros((len(draws.phi), len(names)))
     variance = np.zeros((len(draws.phi), len(names)))

@@ -208,7 +208,7 @@ def _orthants(bound: BoundModel, free: Array) -> Orthant:
 
     ``free``, shape (w, h), holds the values in unbounded coordinates.
     """
-    _, conditional = bound.given(bound.hyper_prior.phi(free))
+    conditional = bound.given(bound.hyper_prior.phi(free)).parameters
     return conditional.orthant
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.terms import BasisNoise, Columns
-from ldbb_bayes.model.terms.columns import NOISE, OWN
+from ldbb_bayes.model.terms.columns import NOISE, PARAMETERS
 from ldbb_bayes.results import Array
 
 __all__ = ["information_of", "informations_of"]
@@ -107,8 +107,10 @@ def informations_of(
     names = list(bound.names)
     for columns in shared:
         names += columns.names
-    owners = [OWN] * len(bound.names) + shared_owners
-    values = np.concatenate([bound.interest, *(columns.values for columns in shared)], axis=2)
+    owners = [PARAMETERS] * len(bound.names) + shared_owners
+    values = np.concatenate(
+        [bound.interest_columns, *(columns.values for columns in shared)], axis=2
+    )
     design = tuple(bound.reduced[r].factor @ values[r] for r in tests)
     first_tests = _first_tests_of_equal_noise(bound, noises, phi)
     representatives = [first_tests[r] for r in tests]

@@ -8,6 +8,7 @@ restricts β to the region in which no compliance is negative.
 from __future__ import annotations
 
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from ldbb_bayes.model.orthant import Orthant
 from ldbb_bayes.model.truncation import Truncation
 from ldbb_bayes.results import Array
 
-__all__ = ["ParameterConditional"]
+__all__ = ["GivenHyperParameters", "ParameterConditional"]
 
 
 class ParameterConditional(Gaussian):
@@ -67,3 +68,13 @@ class ParameterConditional(Gaussian):
         z, accepted = self.orthant.draw_standard(rng)
         beta = self.from_standard(z)
         return beta, accepted & self.physical.holds(beta)
+
+
+class GivenHyperParameters(NamedTuple):
+    """Evidence of the readings and density of the parameters, for w values of the hyper-parameters.
+
+    Negative compliances are not excluded.
+    """
+
+    log_evidence: Array  #: ln p(y | φ) of the readings y, shape (w,)
+    parameters: ParameterConditional  #: p(β | y, φ) of the parameters β

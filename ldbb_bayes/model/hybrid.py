@@ -27,7 +27,7 @@ from ldbb_bayes.machine.exact import geometric_reading_mm
 from ldbb_bayes.machine.linear import kept_compliances
 from ldbb_bayes.machine.parameters import ComplianceName, GeometricName
 from ldbb_bayes.model.campaign_setting import geometric_errors_of, setting_of
-from ldbb_bayes.model.conditional import ParameterConditional
+from ldbb_bayes.model.conditional import GivenHyperParameters, ParameterConditional
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hyper_parameters import acting_hyper_parameters, hyper_parameters_of
 from ldbb_bayes.model.interest import (
@@ -528,10 +528,10 @@ class HybridModel(Result):
         if parameters is None:
             beta = bound.draw_machine(rng)
         else:
-            beta = true_parameters(parameters, bound.names, bound.interest)
+            beta = true_parameters(parameters, bound.names, bound.interest_columns)
         phi = true_hyper_parameters(hyper_um or {}, bound.hyper_prior, rng)
         true_setting = bound.linearised_at(beta)
-        without_nuisances = bound.interest @ beta + bound.known_offset
+        without_nuisances = bound.interest_columns @ beta + bound.known_offset
         nuisances = draw_nuisances(
             self.nuisances, true_setting, phi, rng, without_nuisances, known=effects or {}
         )
@@ -548,7 +548,7 @@ class HybridModel(Result):
         return Simulation(
             replace(plan, tests=tuple(tests)),
             dict(zip(bound.names, beta.tolist(), strict=True)),
-            bound.hyper_prior.named(np.array([*phi.values()])),
+            bound.hyper_prior.display_values(np.array([*phi.values()])),
             units | nuisances.units,
             nuisances.effects,
             true_changes(bound.compliances, forces_N, at_forces, nuisances.effects, true_setting),
@@ -606,7 +606,7 @@ class BoundModel(Shown):
         zero.
     test_names, reduced, setting : tuple of str, tuple of Reduced, Setting
         Names, reduced readings and conditions of the tests that are used.
-    interest : ndarray, shape (tests, 25, p)
+    interest_columns : ndarray, shape (tests, 25, p)
         H: reading per unit of each parameter of interest, as 25 Fourier coefficients.
     physical, truncation : Truncation
         ``physical`` is the region of parameters in which compliances C(F) are not negative; only
@@ -659,7 +659,7 @@ class BoundModel(Shown):
         self.setting: Setting = campaign_setting.select(rows)
         self.reduced = tuple(reduced[r] for r in rows)
         self.test_names = tuple(campaign.tests[r].name for r in rows)
-        self.interest = self._interest_columns()
+        self.interest_columns = interest_columns(self.setting, model.degree)[:, :, self._is_free]
 
     def _setting_of_campaign(self, reduced: Sequence[Reduced]) -> Setting:
         """Return the test conditions, with the estimates about which the model is linearised.
@@ -782,24 +782,15 @@ class BoundModel(Shown):
         levers = [force - reference_force_N for force in forces]
         return physical_rows(self._of_interest, self.parameters, levers, reference_force_N)
 
-    def _interest_columns(self) -> Array:
-        """Return the effects of the p free parameters on the readings, shape (tests, 25, p).
-
-        An effect is the change of a test's 25 Fourier coefficients per unit of the parameter. Free
-        parameters are the parameters that are not fixed at zero.
-        """
-        return interest_columns(self.setting, self.model.degree)[:, :, self._is_free]
-
     @property
     def untested_parameters(self) -> frozenset[str]:
         """Names of the free parameters on which no reading depends.
 
         They are parameters of planes in which circles are planned, but none has been run yet.
         """
-        effects = self._interest_columns()
         untested = []
         for k, name in enumerate(self.names):
-            if not effects[:, :, k].any():
+            if not self.interest_columns[:, :, k].any():
                 untested.append(name)
         return frozenset(untested)
 
@@ -888,14 +879,14 @@ class BoundModel(Shown):
         return self._of_interest.prior_sd(self.model.prior, setting)[self._is_free]
 
     @cached_property
-    def centre(self) -> Array:
+    def least_squares_estimate(self) -> Array:
         """Least-squares estimate of the p parameters of interest, shape (p,), in mm, N and rad.
 
         For a plan, which has no readings, it is the prior mean. Densities are computed as functions
         of the difference between the parameters and this estimate, to reduce rounding errors.
         """
         return fit_nearest(
-            self.interest, self.prior_mean, self.scale, self.reduced, self.known_offset
+            self.interest_columns, self.prior_mean, self.scale, self.reduced, self.known_offset
         )
 
     @property
@@ -928,14 +919,14 @@ class BoundModel(Shown):
         return tuple(columns)
 
     @cached_property
-    def given_interest(self) -> StructuredGaussian:
+    def likelihood_given_parameters(self) -> StructuredGaussian:
         """Density p(y | β, φ) of the readings y, with the nuisances integrated out.
 
         The result is an object that computes this density. β are the parameters of interest and φ
-        the hyper-parameters. The methods of the object take the difference β − `centre` instead of
-        β, where `centre` is a least-squares estimate of β.
+        the hyper-parameters. The methods of the object take the difference β −
+        `least_squares_estimate` instead of β.
         """
-        return self._structured(self.nuisance_columns, self.interest)
+        return self._structured(self.nuisance_columns, self.interest_columns)
 
     @cached_property
     def collapsed(self) -> StructuredGaussian:
@@ -943,12 +934,15 @@ class BoundModel(Shown):
 
         Nuisances are effects modelled but not of interest, β are the parameters of interest, and φ
         the hyper-parameters. Negative compliances are not excluded. The readings that the
-        least-squares estimate `centre` of β predicts are subtracted from y. The differences β −
-        `centre` are then treated like the coefficients of nuisances that are the same in all tests.
-        In arrays, they come after the coefficients of nuisances.
+        least-squares estimate of β predicts are subtracted from y. The differences β −
+        `least_squares_estimate` are then treated like the coefficients of nuisances that are the
+        same in all tests. In arrays, they come after the coefficients of nuisances.
         """
         interest = Columns(
-            self.names, self.interest, self.prior_sd, mean=self.prior_mean - self.centre
+            self.names,
+            self.interest_columns,
+            self.prior_sd,
+            mean=self.prior_mean - self.least_squares_estimate,
         )
         return self._structured([*self.nuisance_columns, interest])
 
@@ -960,13 +954,13 @@ class BoundModel(Shown):
         ``columns`` holds the columns of the design matrix that belong to these coefficients, and
         those nuisances that are described as noise. ``interest``, shape (tests, 25, p), holds the
         change of the readings per unit of each of the p parameters of interest. If it is None, the
-        density does not depend on parameters. The readings that `centre`, the least-squares
-        estimate, predicts are first subtracted.
+        density does not depend on parameters. The readings that the least-squares estimate
+        predicts are first subtracted.
         """
         return StructuredGaussian(
             self.reduced,
             columns,
-            offset=self.interest @ self.centre + self.known_offset,
+            offset=self.interest_columns @ self.least_squares_estimate + self.known_offset,
             hypers=self.hyper_prior.names,
             interest=interest,
         )
@@ -977,7 +971,7 @@ class BoundModel(Shown):
         ``phi``, shape (w, h), holds w values of the h hyper-parameters φ, with lengths in mm.
         ``beta``, shape (w, p), holds w values of the p parameters of interest β in mm, N and rad.
         """
-        return self.given_interest.log_density(phi, beta - self.centre)
+        return self.likelihood_given_parameters.log_density(phi, beta - self.least_squares_estimate)
 
     @cached_property
     def parameter_prior(self) -> ParameterPrior:
@@ -986,7 +980,7 @@ class BoundModel(Shown):
             self.prior_mean, self.prior_sd, self.truncation, self.model.prior.flat
         )
 
-    def given(self, phi: Array) -> tuple[Array, ParameterConditional]:
+    def given(self, phi: Array) -> GivenHyperParameters:
         """Return the log evidence ln p(y | φ), shape (w,), and the density p(β | y, φ).
 
         y are the readings, β the p parameters of interest, and φ the h hyper-parameters. ``phi``,
@@ -995,10 +989,10 @@ class BoundModel(Shown):
         """
         log_evidence, shifted = self.collapsed.conditional(phi, last=len(self.names))
         conditional = ParameterConditional.factored(
-            shifted.mean + self.centre, shifted.root, shifted.scale
+            shifted.mean + self.least_squares_estimate, shifted.root, shifted.scale
         )
         conditional.physical = self.physical
-        return log_evidence, conditional
+        return GivenHyperParameters(log_evidence, conditional)
 
     def log_evidence(self, phi: Array) -> Array:
         """Return the log evidence ln p(y | φ) of the readings y, shape (w,).

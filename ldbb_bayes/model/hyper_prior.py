@@ -80,7 +80,7 @@ class HyperPrior:
         return tuple("mm" if length else "" for length in self.in_mm)
 
     @property
-    def shown(self) -> Array:
+    def display_factors(self) -> Array:
         """Factors that convert internal values of the hyper-parameters to displayed values.
 
         The factor is 1000 for lengths, which are displayed in µm instead of mm, and 1 for numbers
@@ -88,15 +88,15 @@ class HyperPrior:
         """
         return np.where(self.in_mm, 1e3, 1.0)
 
-    def named(self, phi: Array) -> dict[str, float]:
+    def display_values(self, phi: Array) -> dict[str, float]:
         """Return a dict with the values of the h hyper-parameters, with lengths in µm.
 
         The keys are the names of the hyper-parameters. ``phi``, shape (h,), holds the values with
         lengths in mm.
         """
-        return dict(zip(self.names, (phi * self.shown).tolist(), strict=True))
+        return dict(zip(self.names, (phi * self.display_factors).tolist(), strict=True))
 
-    def carried(self, other: HyperPrior, phi: Array) -> Array:
+    def values_from(self, other: HyperPrior, phi: Array) -> Array:
         """Return values of this model's hyper-parameters, taken from another model, shape (..., h).
 
         This model has h hyper-parameters. ``other`` is the prior of the other model, and ``phi``

@@ -20,7 +20,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.model.terms.columns import NOISE, OWN
+from ldbb_bayes.model.terms.columns import NOISE, PARAMETERS
 from ldbb_bayes.results import Array
 
 __all__ = ["Information"]
@@ -52,7 +52,7 @@ class Information:
     #: which belong to effects that are modelled but not of interest.
     names: tuple[str, ...]
     #: Class name of the nuisance term to which each of the model's m coefficients belongs, or the
-    #: word ``Parameters`` (the constant `OWN`) for a parameter of interest.
+    #: word ``Parameters`` (the constant `PARAMETERS`) for a parameter of interest.
     owners: tuple[str, ...]
     #: Prior sd of each of the model's m coefficients in internal units (mm, N, rad), shape (m,). If
     #: the prior of a coefficient is flat, its typical magnitude is stored instead.
@@ -79,7 +79,7 @@ class Information:
     @property
     def interest(self) -> NDArray[np.intp]:
         """Indices, in the list of all coefficients, of the p parameters of interest, shape (p,)."""
-        return np.flatnonzero([owner == OWN for owner in self.owners])
+        return np.flatnonzero([owner == PARAMETERS for owner in self.owners])
 
     @property
     def terms(self) -> tuple[str, ...]:
@@ -91,12 +91,12 @@ class Information:
         names = list(self.owners)
         for sources in self.noise:
             names += sources
-        return tuple(name for name in dict.fromkeys(names) if name not in (OWN, NOISE))
+        return tuple(name for name in dict.fromkeys(names) if name not in (PARAMETERS, NOISE))
 
     @property
     def shared_terms(self) -> tuple[str, ...]:
         """Class names of the nuisance terms whose coefficients are the same in all tests."""
-        return tuple(dict.fromkeys(owner for owner in self.owners if owner != OWN))
+        return tuple(dict.fromkeys(owner for owner in self.owners if owner != PARAMETERS))
 
     def rows(self, fixed: Collection[str] = ()) -> Array:
         """Return the design matrix of all m coefficients, scaled to noise of unit variance.
@@ -306,7 +306,7 @@ class Information:
         Dict with the shares of every source, in arrays of shape (p,). The key of a source is a pair
         of names: the name of the coefficient or noise, and the name of the term to which it
         belongs. The priors of the parameters of interest are one source with the key
-        ``(OWN, OWN)``. If these priors are flat, this source does not exist.
+        ``(PARAMETERS, PARAMETERS)``. If these priors are flat, this source does not exist.
         """
         total = self.covariance()[np.ix_(self.interest, self.interest)]
         if covariance is None:
@@ -338,9 +338,9 @@ class Information:
         errors = joint[interest] if weights is None else weights @ joint
         covariances: dict[tuple[str, str], Array] = {}
         if not self.flat:
-            covariances[OWN, OWN] = errors[:, interest] @ errors[:, interest].T
+            covariances[PARAMETERS, PARAMETERS] = errors[:, interest] @ errors[:, interest].T
         for k, (name, owner) in enumerate(zip(self.names, self.owners, strict=True)):
-            if owner != OWN:
+            if owner != PARAMETERS:
                 covariances[name, owner] = np.outer(errors[:, k], errors[:, k])
         for design, sources in zip(self.design, self.noise, strict=True):
             noise = sum(sources.values(), np.zeros((len(design), len(design))))
@@ -357,9 +357,9 @@ class Information:
 
         The result is a dict of arrays of shape (p,); its keys are the class names of the terms. The
         noise of the readings (key ``NOISE``) and the priors of the parameters of interest (key
-        ``OWN``) count as terms. The shares of all terms sum to one. A share is also the derivative
-        d ln u / d ln s at constant scales of all other terms, where u is the standard uncertainty
-        of the parameter and s is the scale (prior sd) of the term.
+        ``PARAMETERS``) count as terms. The shares of all terms sum to one. A share is also the
+        derivative d ln u / d ln s at constant scales of all other terms, where u is the standard
+        uncertainty of the parameter and s is the scale (prior sd) of the term.
         """
         by_term: dict[str, Array] = {}
         for (_, term), share in self.shares().items():

@@ -313,7 +313,7 @@ def true_hyper_parameters(
             stated[name] = _stated_hyper_parameter(name, hyper_um[name], law)
             _check_hyper_parameter(name, stated[name], law, bounds)
     draw = prior.draw(1, rng)[0]
-    units = (1.0 / prior.shown).tolist()
+    units = (1.0 / prior.display_factors).tolist()
     phi = {}
     for name, value, unit in zip(prior.names, draw, units, strict=True):
         phi[name] = stated.get(name, float(value / unit)) * unit

@@ -14,8 +14,8 @@ from ldbb_bayes.analysis.verdicts import not_modelled
 from ldbb_bayes.campaign.preview import CampaignPreview, check_campaign
 from ldbb_bayes.campaign.remarks import RemarkKind
 from ldbb_bayes.inference.fit import Fit
-from ldbb_bayes.inference.kept_results import kept
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, record_of
+from ldbb_bayes.inference.posterior_cache import cached_by_posterior
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.report import wording
 from ldbb_bayes.results import Shown
@@ -43,7 +43,7 @@ class FitWords(Shown, dict[str, Any]):
         return f"<fit in words: {self['state']}, {len(self['warnings'])} warnings>"
 
 
-@kept
+@cached_by_posterior
 def describe_fit(posterior: xr.DataTree) -> FitWords:
     """Return a description of a fit in words: its state, verdict, misfits and warnings.
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from ldbb_bayes.analysis.compliance_change import change_with_force
 from ldbb_bayes.analysis.conformity import assess_conformity
 from ldbb_bayes.inference.force_curves import draws_at
-from ldbb_bayes.inference.kept_results import kept
 from ldbb_bayes.inference.posterior import bound_of, campaign_of
+from ldbb_bayes.inference.posterior_cache import cached_by_posterior
 from ldbb_bayes.inference.summary import json_entry, result_json, summarize_nuisances
 from ldbb_bayes.report.fit_description import describe_fit
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["full_result", "result_at_force"]
 
 
-@kept
+@cached_by_posterior
 def full_result(posterior: xr.DataTree, prob: float) -> dict[str, Any]:
     """Return all results of a fit as a dictionary.
 

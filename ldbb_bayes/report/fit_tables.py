@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ldbb_bayes.analysis.verdicts import ParameterIdentifiability
+from ldbb_bayes.inference.odd_circles import LARGE_NOISE_FACTOR
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.change_tables import change_cells, statement_cells
@@ -39,10 +40,6 @@ __all__ = [
     "results_table",
 ]
 
-# The factor λ of a circle multiplies the circle's random shift and unexplained deviations; it is
-# large for a circle that does not agree with the others. The table of a fit's parameters shows λ
-# only if its posterior median is at least this value.
-_ODD_CIRCLE = 2.5
 # Heading of the column with the expanded uncertainty in a table of results.
 _HEAD_OF_U = "U (k = 2)"
 # Largest number of nuisance coefficients that a fit lists on the screen without --details.
@@ -147,7 +144,7 @@ def parameter_table(result: Mapping[str, Any], *, coefficients: bool = False) ->
     for name, change in changes.items():
         rows.append(_change_row(name, change, has_prior_means))
     for name, entry in {**others, **result["hyper"]}.items():
-        if not name.startswith("lambda_") or entry["median"] >= _ODD_CIRCLE:
+        if not name.startswith("lambda_") or entry["median"] >= LARGE_NOISE_FACTOR:
             rows.append(_parameter_row(name, entry, has_prior_means))
     heads = ["parameter", "mean", "u (1 sd)", f"{wording.percent_of(result)} interval"]
     if has_prior_means:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from ldbb_bayes.inference.odd_circles import odd_circles
 from ldbb_bayes.inference.posterior import bound_of
 from ldbb_bayes.model.terms import BallForm
-from ldbb_bayes.model.terms.columns import OWN
+from ldbb_bayes.model.terms.columns import PARAMETERS
 from ldbb_bayes.report.blocks import Items
 from ldbb_bayes.report.sheet_numbers import SheetNumbers
 from ldbb_bayes.report.stated_quantity import StatedQuantity
@@ -491,4 +491,4 @@ def _step_in_words(name: str, words: Words) -> str:
     ``name`` is the class name of the model term that describes the effect.
     """
     steps = words.table["steps"]
-    return str(steps.get(name, steps[OWN]))
+    return str(steps.get(name, steps[PARAMETERS]))

@@ -15,7 +15,7 @@ from ldbb_bayes.campaign.run_times import TimeSource, time_source
 from ldbb_bayes.inference.posterior import bound_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.terms import Angle, BallForm, BarLength, Columns, ForceError, Mount
-from ldbb_bayes.model.terms.columns import OWN
+from ldbb_bayes.model.terms.columns import PARAMETERS
 from ldbb_bayes.report.findings import Findings
 from ldbb_bayes.report.sheet_instrument import instrument_pieces
 from ldbb_bayes.report.sheet_numbers import SheetNumbers
@@ -324,7 +324,7 @@ def _deciding_priors(numbers: SheetNumbers, bound: BoundModel, *, is_stated: boo
         entry = quantity.entry or quantity.change_entry
         if is_prior_stated(bound, name) != is_stated:
             continue
-        if entry is not None and entry.held_by.name == OWN and np.isfinite(entry.prior_sd):
+        if entry is not None and entry.held_by.name == PARAMETERS and np.isfinite(entry.prior_sd):
             factor, label = display_unit(entry.unit)
             size = words.number(two_digits(2.0 * entry.prior_sd, factor))
             priors.append(f"{quantity.symbol} ±\u00a0{size}\u00a0{words.unit(label)}")

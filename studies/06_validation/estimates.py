@@ -181,7 +181,7 @@ def row(kind: str, seed: int) -> dict[str, float]:
     parameters = [simulation.parameters[name] for name in bound.names]
     hyper_parameters = [
         simulation.hyper_um[name] / float(factor)
-        for name, factor in zip(hyper.names, hyper.shown, strict=True)
+        for name, factor in zip(hyper.names, hyper.display_factors, strict=True)
     ]
     truth = np.array(parameters + hyper_parameters)
     ranks = (np.hstack([beta, phi]) < truth).sum(axis=0)

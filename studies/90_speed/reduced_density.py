@@ -130,8 +130,9 @@ def _uniform_readings(bound: BoundModel) -> _UniformReadings:
     projection = np.stack([np.asarray(test.reading_mm) for test in bound.reduced])
     of_readings = np.eye(len(scale_names))[scale_names.index("sigma")]
     return _UniformReadings(
-        residual=projection - factor * (bound.interest @ bound.centre + bound.known_offset),
-        design=factor[:, :, None] * bound.interest,
+        residual=projection
+        - factor * (bound.interest_columns @ bound.least_squares_estimate + bound.known_offset),
+        design=factor[:, :, None] * bound.interest_columns,
         columns=factor[:, :, None] * latent.values,
         weight=factor[:, :, None] ** 2 * latent.noise.T + of_readings,
         latent=latent,
@@ -279,7 +280,7 @@ def _uniform_log_likelihood(bound: BoundModel) -> Callable[[Any, Any], Any]:
     import jax.numpy as jnp
 
     readings = _uniform_readings(bound)
-    coupled = _coupled_coefficients(readings.latent, bound.interest)
+    coupled = _coupled_coefficients(readings.latent, bound.interest_columns)
     coupled_rows = _coupled_rows(readings, coupled)
     separate_rows = _separate_rows(readings, np.flatnonzero(~coupled))
     # Outside the basis there is white noise and nothing else.
@@ -365,7 +366,7 @@ class ReducedDensity:
         standard = x[:p]
         free = x[p:]
         phi = bound.hyper_prior.lower + jnp.exp(free)
-        beta_square = ((standard + bound.centre / bound.prior_sd) ** 2).sum()
+        beta_square = ((standard + bound.least_squares_estimate / bound.prior_sd) ** 2).sum()
         phi_square = ((phi / bound.hyper_prior.scale) ** 2).sum()
         log_prior = free.sum() - 0.5 * (beta_square + phi_square)
         return self._constant + log_prior + self._log_likelihood(standard * bound.prior_sd, phi)
@@ -373,7 +374,7 @@ class ReducedDensity:
     def split(self, x: Array) -> tuple[Array, Array]:
         """β [mm, N, rad] and the free coordinates, shapes (..., p) and (..., h)."""
         p = len(self.bound.names)
-        return self.bound.centre + x[..., :p] * self.bound.prior_sd, x[..., p:]
+        return self.bound.least_squares_estimate + x[..., :p] * self.bound.prior_sd, x[..., p:]
 
     def prepare(self) -> None:
         """Compile value, gradient and Hessian."""

@@ -9,7 +9,7 @@ import pytest
 from ldbb_bayes.analysis.assumed_sizes import deciding_assumptions
 from ldbb_bayes.analysis.budgets import Budget, Contribution
 from ldbb_bayes.analysis.origins import Origin
-from ldbb_bayes.model.terms.columns import NOISE, OWN
+from ldbb_bayes.model.terms.columns import NOISE, PARAMETERS
 
 
 def line(
@@ -76,7 +76,9 @@ def test_what_is_stated_is_named_where_it_is_asked_for() -> None:
 
 def test_noise_that_is_measured_and_priors_are_no_effects() -> None:
     entry = budget(
-        "C_XXX", line(NOISE, NOISE, 0.5, 1e-3, origin=Origin.MEASURED), line(OWN, OWN, 0.5)
+        "C_XXX",
+        line(NOISE, NOISE, 0.5, 1e-3, origin=Origin.MEASURED),
+        line(PARAMETERS, PARAMETERS, 0.5),
     )
     assert not named(entry)
 

@@ -237,7 +237,7 @@ def test_a_known_term_leaves_the_spread_between_models(
             model.bound,
             information_of(model.bound, model.phi.mean(axis=0)),
             model.bound.prior_mean,
-            SampledSd(model.bound.prior_sd, model.sd[model.places]),
+            SampledSd(model.bound.prior_sd, model.sd[model.parameter_indices]),
         )["C_XXX"]
         unknown = 1.0 - of_model.confounding["Mount"]
         remaining += model.probability * unknown * model.sd[0] ** 2

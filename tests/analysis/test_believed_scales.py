@@ -102,7 +102,7 @@ def test_information_against_the_scatter_of_the_score(rng: np.random.Generator) 
     step = 0.05
     around = [scores + sign * step * axis for axis in np.eye(4) for sign in (1.0, -1.0)]
     points = bound.hyper_prior.quantile(ndtr(np.array(around)))
-    hyper_um = bound.hyper_prior.named(phi)
+    hyper_um = bound.hyper_prior.display_values(phi)
     gradients = []
     for seed in range(400):
         beta = bound.prior_sd * rng.standard_normal(len(bound.names))

@@ -33,7 +33,7 @@ from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.setting import Setting
 from ldbb_bayes.model.terms import BasisNoise
-from ldbb_bayes.model.terms.columns import NOISE, OWN
+from ldbb_bayes.model.terms.columns import NOISE, PARAMETERS
 
 MODEL = lb.HybridModel.first(1).without("truncation")
 SIMULATED = lb.HybridModel.first(0)
@@ -157,7 +157,9 @@ def dense(
     lengths = []
     for bound, gain_mean in zip(bounds, gains, strict=True):
         turns = [basis(test.angles_rad()) for test in bound.campaign.tests]
-        designs.append(np.concatenate([turn @ bound.interest[r] for r, turn in enumerate(turns)]))
+        designs.append(
+            np.concatenate([turn @ bound.interest_columns[r] for r, turn in enumerate(turns)])
+        )
         readings.append(np.concatenate([test.readings_mm() for test in bound.campaign.tests]))
         column_groups = [
             group for term in bound.model.nuisances for group in term.columns(bound.setting)
@@ -437,7 +439,7 @@ def test_what_two_readings_say_of_two_coefficients() -> None:
             informations.append(
                 Information(
                     ("E", "form", "length"),
-                    (OWN, "BallForm", "BarLength"),
+                    (PARAMETERS, "BallForm", "BarLength"),
                     scale,
                     False,
                     (np.eye(3),),
@@ -521,7 +523,7 @@ def dense_campaign(bound: BoundModel) -> DenseCampaign:
             else:
                 covariance = covariance + (effects * sd) @ (effects * sd).T
     return DenseCampaign(
-        np.concatenate([turn @ bound.interest[r] for r, turn in enumerate(turns)]),
+        np.concatenate([turn @ bound.interest_columns[r] for r, turn in enumerate(turns)]),
         np.concatenate([effects for effects, _, _ in of_machine], axis=1),
         [name for _, names, _ in of_machine for name in names],
         np.concatenate([sd for _, _, sd in of_machine]),

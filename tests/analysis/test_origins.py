@@ -13,7 +13,7 @@ from ldbb_bayes.analysis.origins import Origin, is_prior_stated, origins
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
-from ldbb_bayes.model.terms.columns import NOISE, OWN
+from ldbb_bayes.model.terms.columns import NOISE, PARAMETERS
 
 ANGLE = np.arange(60) * 6.0
 
@@ -27,7 +27,16 @@ def random_information(seed: int) -> Information:
         noise.append({NOISE: 0.3 * np.eye(9), "SetupShift": root @ root.T})
     return Information(
         names=("E_XX1", "E_YY1", "C_XXX", "a", "b", "c", "d", "e"),
-        owners=(OWN, OWN, OWN, "Mount", "Mount", "BallForm", "BallForm", "Drift"),
+        owners=(
+            PARAMETERS,
+            PARAMETERS,
+            PARAMETERS,
+            "Mount",
+            "Mount",
+            "BallForm",
+            "BallForm",
+            "Drift",
+        ),
         scale=rng.uniform(0.5, 3.0, 8),
         flat=False,
         design=(rng.standard_normal((9, 8)), rng.standard_normal((9, 8))),

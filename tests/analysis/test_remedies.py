@@ -184,7 +184,7 @@ def test_hyper_parameters_carried_to_another_campaign() -> None:
     short = DEFAULT.bind(one_way(FORCES_N[:4])).hyper_prior
     long = DEFAULT.bind(one_way()).hyper_prior
     phi = short.quantile(np.array([[0.2] * len(short.names), [0.7] * len(short.names)]))
-    carried = long.carried(short, phi)
+    carried = long.values_from(short, phi)
     assert carried.shape == (2, len(long.names))
     median = long.quantile(np.full(len(long.names), 0.5))
     for k, name in enumerate(long.names):

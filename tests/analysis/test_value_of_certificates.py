@@ -46,7 +46,9 @@ def test_the_pattern_of_the_machine_is_as_large_as_the_form_was() -> None:
     prior = model.bind(CAMPAIGN).hyper_prior
     prior_with_balls = model.bind(replace(CAMPAIGN, instrument=balls)).hyper_prior
     phi = np.linspace(1.0, 2.0, len(prior.names)) * 1e-3
-    carried = dict(zip(prior_with_balls.names, prior_with_balls.carried(prior, phi), strict=True))
+    carried = dict(
+        zip(prior_with_balls.names, prior_with_balls.values_from(prior, phi), strict=True)
+    )
     phi_by_name = dict(zip(prior.names, phi, strict=True))
     assert set(carried) - set(phi_by_name) == {"omega"}
     assert carried.pop("omega") == phi_by_name["tau"]

@@ -17,7 +17,7 @@ from ldbb_bayes.analysis.variance_sources import VarianceSource, sources_of
 from ldbb_bayes.analysis.verdicts import Verdict, judge, judge_parameters
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.information import Information
-from ldbb_bayes.model.terms.columns import NOISE, OWN
+from ldbb_bayes.model.terms.columns import NOISE, PARAMETERS
 from ldbb_bayes.report.wording import verdict_words, with_words
 
 PHI = np.array([0.3e-3, 0.5e-3, 0.3e-3, 2e-3])
@@ -34,7 +34,7 @@ def information_of_two(angle: float) -> Information:
     rows[1::2, 1] = np.cos(angle) - np.sin(angle)
     return Information(
         names=("E", "form"),
-        owners=(OWN, "BallForm"),
+        owners=(PARAMETERS, "BallForm"),
         scale=np.array([10.0, 2.0]),
         flat=False,
         design=(rows,),
@@ -109,7 +109,7 @@ def test_shares_by_dense_covariances() -> None:
     expected: dict[tuple[str, str], float] = {}
     for i, name in enumerate(bound.names):
         for j, other in enumerate(bound.names):
-            label = OWN if other == name else other
+            label = PARAMETERS if other == name else other
             expected[name, label] = prior_errors[i, j] ** 2
         for j, k in enumerate(nuisances):
             key = (name, information.owners[k])
@@ -143,7 +143,7 @@ def assumed(name: str, share: float) -> VarianceSource:
         ([assumed("Mount", 0.5 + 1e-9)], ()),
         ([assumed("Mount", 0.4), assumed("Drift", 0.2)], ("Mount", "Drift")),
         ([assumed("E_YY1", 0.6)], ("E_YY1",)),
-        ([assumed(OWN, 0.9)], ()),
+        ([assumed(PARAMETERS, 0.9)], ()),
         ([VarianceSource("Mount", Origin.STATED, 0.9)], ()),
         ([VarianceSource("Mount", Origin.MEASURED, 0.9)], ()),
         ([assumed("Mount", 0.47), assumed("Drift", 0.04), assumed("Angle", 0.04)], ()),
@@ -170,7 +170,7 @@ def test_assumed_effects_with_more_than_half_confound(
     ],
 )
 def test_more_than_half_of_the_prior_sd_is_prior_limited(contraction: float, verdict: str) -> None:
-    assert judge([assumed(OWN, 1.0)], contraction).verdict == verdict
+    assert judge([assumed(PARAMETERS, 1.0)], contraction).verdict == verdict
 
 
 @pytest.mark.parametrize(("cosine", "verdict"), [(0.96, "confounded"), (0.9, "identified")])

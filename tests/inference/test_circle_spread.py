@@ -52,7 +52,7 @@ def draws() -> ModelDraws:
     names = bound.hyper_prior.names
     for name in bound.setting.circle:
         phi[:, names.index(str(name))] = 1.0
-    return ModelDraws(bound, phi, np.tile(bound.centre, (4000, 1)))
+    return ModelDraws(bound, phi, np.tile(bound.least_squares_estimate, (4000, 1)))
 
 
 def band_width(draws: ModelDraws, seed: int, *, learn_spread: bool = True) -> float:

@@ -37,7 +37,7 @@ def test_shared_layer_is_the_dense_conditional_mean(planned: lb.Campaign) -> Non
     campaign = simulated(planned)
     bound = lb.HybridModel.first(1).bind(campaign)
     oracle = oracle_of(campaign, 1)
-    beta = bound.centre[None] + 0.01 * bound.scale
+    beta = bound.least_squares_estimate[None] + 0.01 * bound.scale
     machine = oracle.J @ beta[0]
     residual = oracle.y - machine
     covariance = oracle.covariance(PHI[0])

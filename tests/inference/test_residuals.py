@@ -20,7 +20,7 @@ def test_rmse_and_fitness_by_their_definition() -> None:
     dead = measured.tests[3].with_reading_um(np.zeros(30))
     campaign = lb.Campaign((*measured.tests[:3], dead))
     bound = lb.HybridModel.first(0).bind(campaign)
-    beta = bound.centre[None].repeat(3, axis=0) * [[0.9], [1.0], [1.1]]
+    beta = bound.least_squares_estimate[None].repeat(3, axis=0) * [[0.9], [1.0], [1.1]]
     phi = PHI.repeat(3, axis=0)
     quality = fit_quality(bound, phi, beta)
     coefficients = mean_shared_coefficients(bound, phi, beta)

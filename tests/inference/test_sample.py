@@ -212,7 +212,9 @@ def test_saved_and_read_back_identically(
         campaign.name,
     )
     assert bound_of(posterior).model == MODEL
-    np.testing.assert_array_equal(bound_of(posterior).interest, MODEL.bind(campaign).interest)
+    np.testing.assert_array_equal(
+        bound_of(posterior).interest_columns, MODEL.bind(campaign).interest_columns
+    )
 
 
 def test_posteriors_of_one_campaign_share_its_bound_model(
@@ -336,14 +338,14 @@ def test_paper_preset_is_least_squares_with_intervals(recovered: lb.Campaign) ->
     table = lb.summarize(tree)
     bound = lb.HybridModel.paper(0).bind(recovered)
     columns = []
-    for test, interest in zip(bound.reduced, bound.interest, strict=True):
+    for test, interest in zip(bound.reduced, bound.interest_columns, strict=True):
         columns.append(test.factor @ interest)
     design = np.concatenate(columns) * bound.scale
     relative_sd = np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
     expected_sd = float(table.loc["sigma", "mean"]) * relative_sd * bound.scale
     means = table["mean"].to_numpy(float)[:13]
     sds = table["sd"].to_numpy(float)[:13]
-    np.testing.assert_allclose((means - bound.centre) / expected_sd, 0.0, atol=0.25)
+    np.testing.assert_allclose((means - bound.least_squares_estimate) / expected_sd, 0.0, atol=0.25)
     np.testing.assert_allclose(sds / expected_sd, 1.0, atol=0.12)
     entry = result_json(tree)["parameters"]["C_XXX"]
     assert (entry["prior_sd"], entry["prior_mean"]) == (None, None)
@@ -499,7 +501,7 @@ def test_readings_less_what_prior_means_expect(sampler: str) -> None:
     plain = replace(model, prior=replace(model.prior, means=dict.fromkeys(PRIORS, 0.0)))
     bound = model.bind(FEW)
     tests = []
-    for test, interest in zip(FEW.tests, bound.interest, strict=True):
+    for test, interest in zip(FEW.tests, bound.interest_columns, strict=True):
         expected_um = basis(test.angles_rad()) @ interest @ bound.prior_mean * 1e3
         tests.append(test.with_reading_um(np.asarray(test.reading_um) - expected_um))
     less_expected = replace(FEW, tests=tuple(tests))

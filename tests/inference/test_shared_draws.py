@@ -54,7 +54,7 @@ def check_moments(bound: BoundModel) -> None:
     repeated = np.repeat(free, DRAWS // REPEATS, axis=0)
     draws = draw_with_shared(bound, repeated, REPEATS, np.random.default_rng(3))
     joint = bound.collapsed.conditional(bound.hyper_prior.phi(free))[1]
-    both = np.concatenate([draws.shared, draws.beta - bound.centre], axis=1)
+    both = np.concatenate([draws.shared, draws.beta - bound.least_squares_estimate], axis=1)
     by_phi = both.reshape(2, DRAWS, -1)
     for k in range(2):
         np.testing.assert_array_equal(draws.phi[k * DRAWS], bound.hyper_prior.phi(free)[k])

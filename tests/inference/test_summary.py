@@ -42,7 +42,7 @@ def dense_moments(bound: BoundModel, campaign: lb.Campaign, phi: np.ndarray) -> 
     start = np.cumsum([0, *(len(test.angle_deg) for test in campaign.tests)])
     reading = np.concatenate([test.readings_mm() for test in campaign.tests])
     covariance = np.eye(len(reading)) * value["sigma"] ** 2
-    columns = [np.concatenate([bases[r] @ bound.interest[r] for r in range(len(bases))])]
+    columns = [np.concatenate([bases[r] @ bound.interest_columns[r] for r in range(len(bases))])]
     sd = [bound.prior_sd]
     for term in bound.nuisance_columns:
         if isinstance(term, Columns) and not term.private:

@@ -377,7 +377,7 @@ def test_means_of_all_coefficients_against_dense_algebra(name: str) -> None:
     """Those that tests share and those of single tests, given the parameters."""
     bound = bound_to(name)
     phi = scales(bound)
-    gaussian = bound.given_interest
+    gaussian = bound.likelihood_given_parameters
     rng = np.random.default_rng(2)
     beta = 0.1 * bound.scale * rng.normal(size=(len(phi), len(bound.names)))
     q = gaussian._shared

@@ -11,7 +11,7 @@ from campaigns import oracle_of, plan, refuses, simulated
 import ldbb_bayes as lb
 from ldbb_bayes.model.bound_information import information_of, informations_of
 from ldbb_bayes.model.information import Information
-from ldbb_bayes.model.terms.columns import NOISE, OWN
+from ldbb_bayes.model.terms.columns import NOISE, PARAMETERS
 
 # σ, δ, κ and τ [mm].
 PHI = np.array([0.3e-3, 0.5e-3, 0.3e-3, 2e-3])
@@ -67,7 +67,7 @@ def test_readings_taken_several_times_have_less_noise(fixed: tuple[str, ...]) ->
 def test_contributions_sum_to_one(name: str) -> None:
     shares = information_of(MODEL.bind(PLANS[name]), PHI).contributions()
     nuisances = {"BallForm", "BarLength", "Mount", "ForceError", "SetupShift", "Discrepancy"}
-    assert set(shares) == {OWN, NOISE, *nuisances}
+    assert set(shares) == {PARAMETERS, NOISE, *nuisances}
     np.testing.assert_allclose(np.sum(list(shares.values()), axis=0), 1.0, atol=1e-9)
     assert all((share > -1e-12).all() for share in shares.values())
 
@@ -118,7 +118,7 @@ def test_a_scale_contributes_its_logarithmic_derivative(
 
 ONE_READING_TWICE = Information(
     names=("a",),
-    owners=(OWN,),
+    owners=(PARAMETERS,),
     scale=np.ones(1),
     flat=False,
     design=(np.ones((2, 1)),),

@@ -48,7 +48,9 @@ def points(bound: BoundModel, size: int = 3, seed: int = 0) -> Points:
     rng = np.random.default_rng(seed)
     scale = [HYPER_UM[str(name)] * 1e-3 for name in bound.hyper_prior.names]
     phi = np.exp(rng.normal(np.log(scale), 0.4, (size, len(scale))))
-    beta = bound.centre + 0.1 * bound.scale * rng.normal(size=(size, len(bound.names)))
+    beta = bound.least_squares_estimate + 0.1 * bound.scale * rng.normal(
+        size=(size, len(bound.names))
+    )
     return Points(phi, beta)
 
 

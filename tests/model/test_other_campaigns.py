@@ -177,7 +177,9 @@ def test_against_a_dense_model(arc_deg: float) -> None:
     covariance = dense.covariance()
     sd = bound.prior_sd
     reading = np.concatenate([test.readings_mm() for test in campaign.tests])
-    beta = bound.centre + 0.1 * bound.scale * np.random.default_rng(1).normal(size=len(bound.names))
+    beta = bound.least_squares_estimate + 0.1 * bound.scale * np.random.default_rng(1).normal(
+        size=len(bound.names)
+    )
     log_likelihood = stats.multivariate_normal(design @ beta, covariance).logpdf(reading)
     assert bound.log_likelihood(phi, beta[None])[0] == pytest.approx(log_likelihood, abs=1e-5)
     predictive = covariance + (design * sd**2) @ design.T

@@ -272,7 +272,7 @@ def test_fixed_parameters_leave_the_model() -> None:
     fixed = model.fixing("C_XXX_1", "E_Xt0").bind(planned)
     index = [j for j, name in enumerate(full.names) if name not in ("C_XXX_1", "E_Xt0")]
     assert fixed.names == tuple(full.names[j] for j in index)
-    np.testing.assert_array_equal(fixed.interest, full.interest[:, :, index])
+    np.testing.assert_array_equal(fixed.interest_columns, full.interest_columns[:, :, index])
     np.testing.assert_array_equal(fixed.prior_sd, full.prior_sd[index])
     assert len(full.physical.rows) == 6
     assert len(fixed.physical.rows) == 5

@@ -176,7 +176,7 @@ def test_estimate_of_compliance_where_readings_do_not_tell() -> None:
     }
     labels = [name.label for name in planned.compliances]
     assert dict(zip(labels, planned.setting.compliance_estimate, strict=True)) == expected
-    np.testing.assert_array_equal(planned.centre, planned.prior_mean)
+    np.testing.assert_array_equal(planned.least_squares_estimate, planned.prior_mean)
     campaign = (
         lb.HybridModel.first(0)
         .simulate(

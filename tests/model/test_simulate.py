@@ -170,7 +170,7 @@ def test_readings_follow_from_the_effects() -> None:
     simulation = model.simulate(plan(), seed=4, hyper_um={"sigma": 0.0})
     bound = model.bind(plan())
     beta = np.array([simulation.parameters[name] for name in bound.names])
-    coefficients = bound.interest @ beta + bound.known_offset
+    coefficients = bound.interest_columns @ beta + bound.known_offset
     truth = bound.linearised_at(beta)
     for term in model.nuisances:
         for columns in term.columns(truth):

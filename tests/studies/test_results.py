@@ -55,7 +55,7 @@ def module_of(folder: str, name: str) -> ModuleType:
 def paper_estimate(campaign: Campaign) -> dict[str, float]:
     bound = lb.HybridModel.paper(0).bind(campaign)
     mean = bound.given(np.array([[1e-3]]))[1].mean
-    centre = bound.centre / bound.scale
+    centre = bound.least_squares_estimate / bound.scale
     np.testing.assert_allclose(mean[0] / bound.scale, centre, atol=1e-9)
     return dict(zip(bound.names, mean[0], strict=True))
 

@@ -408,7 +408,7 @@ def _describe_design(
         baseline=judged[0].expected,
         compared=judged,
         limits=_limits(space, tests, forecast),
-        hyper_um=space.bound.hyper_prior.named(hyper_rms),
+        hyper_um=space.bound.hyper_prior.display_values(hyper_rms),
         measured=not space.pilot.is_plan,
         pilot=pilot,
         sensitivity=candidates.assign(sensitivity=optimum.sensitivity),
@@ -522,7 +522,7 @@ def _parameters_that_no_circle_shows(
     the pilot have. ``bound`` is the model applied to all tests; the last ``planned`` of these tests
     are the planned ones. Only the parameters of interest of ``space`` are examined.
     """
-    effects = np.abs(bound.interest[len(bound.interest) - planned :])
+    effects = np.abs(bound.interest_columns[len(bound.interest_columns) - planned :])
     largest = effects.reshape(-1, len(bound.names)).max(axis=0)
     shown = {bound.names[index] for index in np.flatnonzero(largest)}
     return tuple(name for name in space.chosen if name not in shown)

@@ -21,7 +21,7 @@ from ldbb_bayes.model.bound_information import informations_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.prior import Prior
-from ldbb_bayes.model.terms.columns import OWN
+from ldbb_bayes.model.terms.columns import PARAMETERS
 from ldbb_bayes.results import Array
 
 __all__ = ["objective_of", "prediction_weight"]
@@ -139,7 +139,9 @@ def _layout_of(information: Information, blocks: Array, chosen: Sequence[str]) -
     interest = [information.names.index(name) for name in chosen]
     columns = _connected_columns(blocks, interest)
     largest_by_row = np.abs(blocks[:, :, columns]).max(axis=(0, 2))
-    has_prior = np.array([not (information.flat and owner == OWN) for owner in information.owners])
+    has_prior = np.array(
+        [not (information.flat and owner == PARAMETERS) for owner in information.owners]
+    )
     return _Layout(columns, np.flatnonzero(largest_by_row > 0.0), has_prior[columns])
 
 

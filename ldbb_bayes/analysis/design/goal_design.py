@@ -355,21 +355,23 @@ def _search_reachable(
     """
     narrowed = replace(widest.space, parameters=tuple(goals))
     families = tuple(families_of(narrowed, sets, goals, widest.states, widest.truncation))
-    found = find_cheapest(families, goals, costs, probability, _SHOWN, on_campaign=steps.finish_one)
-    if found.campaigns:
-        plans = _plans_of(found.campaigns, goals, costs, steps)
-        cheapest = found.campaigns[0]
+    search = find_cheapest(
+        families, goals, costs, probability, _SHOWN, on_campaign=steps.finish_one
+    )
+    if search.campaigns:
+        plans = _plans_of(search.campaigns, goals, costs, steps)
+        cheapest = search.campaigns[0]
         customary = _customary_plans(cheapest, goals, costs, steps)
         return _SearchResult(plans, customary, cheapest=cheapest)
-    if found.is_too_long:
-        found = find_cheapest(
+    if search.is_too_long:
+        search = find_cheapest(
             families, goals, replace(costs, hours=None), probability, 1, on_campaign=lambda: None
         )
-        if found.campaigns:
-            return _SearchResult(without_limit=_plan_of(found.campaigns[0], goals, costs))
-    if found.nearest is None:
+        if search.campaigns:
+            return _SearchResult(without_limit=_plan_of(search.campaigns[0], goals, costs))
+    if search.nearest is None:
         return _SearchResult()
-    near_misses = _near_misses(found.nearest, found.nearest_by_goal, goals, probability)
+    near_misses = _near_misses(search.nearest, search.nearest_by_goal, goals, probability)
     others = {name: goal for name, goal in goals.items() if name not in near_misses}
     if not others:
         return _SearchResult(near_misses=near_misses)

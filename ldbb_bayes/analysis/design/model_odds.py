@@ -125,7 +125,7 @@ class ModelOdds:
         """
         scale = self.known.bound.scale[self.columns]
         repeated = np.tile(self.known.phi, (len(covariance) // len(self.known.phi), 1))
-        _, present = self.known.bound.given(repeated)
+        present = self.known.bound.given(repeated).parameters
         slopes = Gaussian.factored(present.mean, present.root, present.scale).marginal(self.columns)
         # ``slopes`` is the posterior of the slopes before the next circle. Its mean and standard
         # deviations are divided by ``scale``. They are then in units of the prior standard

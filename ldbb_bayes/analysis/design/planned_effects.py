@@ -133,7 +133,7 @@ def _effects_on_all_tests(bound: BoundModel, values: Mapping[str, Array]) -> _Ef
     are in mm. The variances are prior variances, computed for each of the w values.
     """
     factors = [test.factor for test in bound.reduced]
-    interest = [factor @ bound.interest[r] for r, factor in enumerate(factors)]
+    interest = [factor @ bound.interest_columns[r] for r, factor in enumerate(factors)]
     columns = [np.concatenate(interest)]
     sds = [bound.scale]
     for effect in bound.nuisance_columns:

@@ -210,7 +210,7 @@ def _believed_covariance(bound: BoundModel, believed_phi: Array) -> Array:
     The covariances are in units of the prior standard deviations of the parameters. The condition
     that no compliance is negative is ignored.
     """
-    _, posterior = bound.given(believed_phi.reshape(-1, believed_phi.shape[-1]))
+    posterior = bound.given(believed_phi.reshape(-1, believed_phi.shape[-1])).parameters
     relative_spread = posterior.spread() / bound.scale[:, None]
     covariance = relative_spread @ np.swapaxes(relative_spread, -1, -2)
     p = len(bound.names)
@@ -247,7 +247,7 @@ def _sd_of_estimates(bound: BoundModel) -> Array:
     as if compliances could be negative. The result has the shape (p,), in internal units (mm, N,
     rad).
     """
-    _, posterior = bound.given(prior_medians(bound))
+    posterior = bound.given(prior_medians(bound)).parameters
     return np.asarray(np.linalg.norm(posterior.spread()[0], axis=-1))
 
 

@@ -189,7 +189,7 @@ def states_before(
         posterior = _hyper_posterior(model, pilot)
         beta = draw_parameters_given(posterior.bound, bound.hyper_prior.free(phi), rng)
     if augment and not pilot.is_plan:
-        _, posterior_given_phi = bound.given(phi)
+        posterior_given_phi = bound.given(phi).parameters
         before = Gaussian.factored(
             posterior_given_phi.mean, posterior_given_phi.root, posterior_given_phi.scale
         )
@@ -235,7 +235,7 @@ def draw_machine_like_pilot(
     pilot_model = restricted_to(at_force, unconstrained_names(at_force, pilot))
     of_pilot = pilot_model.bind(pilot)
     state = states_before(pilot_model, pilot, 1, seed, augment=False)
-    named = of_pilot.hyper_prior.named(state.phi[0])
+    named = of_pilot.hyper_prior.display_values(state.phi[0])
     hyper_um = {}
     for name, law in zip(of_pilot.hyper_prior.names, of_pilot.hyper_prior.laws, strict=True):
         if law != "circle" and name in of_plan.hyper_prior.names:

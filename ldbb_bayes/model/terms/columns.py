@@ -17,14 +17,24 @@ from ldbb_bayes.errors import require
 from ldbb_bayes.model.fourier import SIZE
 from ldbb_bayes.results import Array, Shown
 
-__all__ = ["FORM_ORDER", "NOISE", "OWN", "BasisNoise", "Columns", "Hyper", "Law", "Scale", "Source"]
+__all__ = [
+    "FORM_ORDER",
+    "NOISE",
+    "PARAMETERS",
+    "BasisNoise",
+    "Columns",
+    "Hyper",
+    "Law",
+    "Scale",
+    "Source",
+]
 
 # Type of the name of a hyper-parameter (scale of the noise or of another effect), such as sigma.
 Hyper = str
 # Some lists state to which term each coefficient of a model belongs. For a coefficient of a
 # nuisance term, they hold the name of the class of the term. A parameter of interest belongs to no
 # nuisance term; for it, they hold this text.
-OWN = "Parameters"
+PARAMETERS = "Parameters"
 # Name of the white noise of the readings in lists of the sources of noise. All other sources in
 # these lists are nuisance terms, which are listed by the names of their classes.
 NOISE = "ReadingNoise"

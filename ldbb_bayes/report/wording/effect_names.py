@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from ldbb_bayes.model.terms import Term
-from ldbb_bayes.model.terms.columns import OWN
+from ldbb_bayes.model.terms.columns import PARAMETERS
 from ldbb_bayes.report.wording.fixed_texts import SENTENCES
 from ldbb_bayes.units import display_name, display_unit
 
@@ -108,7 +108,7 @@ def source_words(term: str) -> str:
 
     ``term`` is the class name of a model term, or "Parameters" for the parameters' own priors.
     """
-    if term == OWN:
+    if term == PARAMETERS:
         return "prior of the parameters"
     return term_words(term)
 
@@ -118,7 +118,7 @@ def source_in_table(name: str) -> str:
 
     The parameter's own prior is shown as "its prior".
     """
-    if name == OWN:
+    if name == PARAMETERS:
         return "its prior"
     if "_" in name:
         return f"prior of {display_name(name)}"

@@ -18,7 +18,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 import xarray as xr
 
-__all__ = ["kept"]
+__all__ = ["cached_by_posterior"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -33,7 +33,7 @@ _MOST_RESULTS = 32
 _RESULTS: dict[Hashable, Any] = {}
 
 
-def kept(work: F) -> F:
+def cached_by_posterior(work: F) -> F:
     """Return ``work``, a function of a posterior, with a cache for its results.
 
     Each call returns a shallow copy of the result. A caller can therefore add entries to a returned

@@ -12,9 +12,9 @@ from reports import fitted
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis import posterior_verdicts
-from ldbb_bayes.inference import elastic_deflections, kept_results
-from ldbb_bayes.inference.kept_results import kept
+from ldbb_bayes.inference import elastic_deflections, posterior_cache
 from ldbb_bayes.inference.posterior import curves_of, elastic_draws_of
+from ldbb_bayes.inference.posterior_cache import cached_by_posterior
 from ldbb_bayes.report.fit_record import full_result
 
 
@@ -25,7 +25,7 @@ def posterior() -> xr.DataTree:
 
 @pytest.fixture(autouse=True)
 def nothing_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kept_results, "_RESULTS", {})
+    monkeypatch.setattr(posterior_cache, "_RESULTS", {})
 
 
 class Counted:
@@ -43,7 +43,7 @@ def kept_mean(work: Counted) -> object:
     def mean(posterior: xr.DataTree, factor: float = 1.0) -> dict[str, float]:
         return work(posterior, factor)
 
-    return kept(mean)
+    return cached_by_posterior(mean)
 
 
 def test_a_result_is_worked_out_once(posterior: xr.DataTree) -> None:
@@ -75,12 +75,12 @@ def test_only_the_last_results_are_kept(posterior: xr.DataTree) -> None:
     mean = kept_mean(Counted())
     for factor in range(40):
         mean(posterior, float(factor))
-    assert len(kept_results._RESULTS) == 32
+    assert len(posterior_cache._RESULTS) == 32
 
 
 def test_two_functions_do_not_mix(posterior: xr.DataTree) -> None:
     first = kept_mean(Counted())
-    second = kept(lambda _: {"mean": 0.0})
+    second = cached_by_posterior(lambda _: {"mean": 0.0})
     assert first(posterior) != second(posterior)
 
 
