@@ -19,8 +19,11 @@ from ldbb_bayes.analysis import circularity
 from ldbb_bayes.analysis.measured_paths import measure_circularity
 from ldbb_bayes.analysis.path_contributions import COMPLIANCE, GEOMETRY, TOGETHER
 from ldbb_bayes.analysis.radial_zones import least_squares_zone, minimum_zone_width
+from ldbb_bayes.inference.coefficients import draw_shared, shared_columns
 from ldbb_bayes.inference.force_curves import draws_at
+from ldbb_bayes.inference.posterior import model_draws_of
 from ldbb_bayes.machine.exact import exact_reading_mm
+from ldbb_bayes.model.fourier import SIZE, basis
 
 ANGLE = np.arange(360) * np.pi / 180.0
 QUIET = HYPER_UM | {"tau": 0.05, "delta": 0.05, "kappa": 0.05}
@@ -346,3 +349,48 @@ def test_a_table_of_circles_names_their_centres(
     assert set(table["centre_x_mm"]) == {200.0}
     assert set(table["centre_y_mm"]) == {-50.0}
     assert set(table["centre_z_mm"]) == {0.0}
+
+
+def path_of(**coefficients: float) -> np.ndarray:
+    """One draw of a path [µm]: a constant, and coefficients of cos 2θ and sin 2θ."""
+    path_um = np.zeros((1, SIZE))
+    path_um[0, [0, 3, 4]] = [coefficients.get(name, 0.0) for name in ("constant", "cos2", "sin2")]
+    return path_um
+
+
+def test_deviations_from_the_nominal_radius_contain_the_mean_deviation() -> None:
+    """5 µm + 1 µm of cos 2θ lie between 4 and 6 µm outside the nominal circle."""
+    bound = lb.HybridModel.first(0).bind(simulated(plan()))
+    quantities = circularity._path_quantities(bound, 0, path_of(constant=5.0, cos2=1.0))
+    assert quantities["F_max_nominal"] == pytest.approx(6.0)
+    assert quantities["F_min_nominal"] == pytest.approx(4.0)
+    assert quantities["F_max"] == pytest.approx(1.0)
+    assert quantities["F_min"] == pytest.approx(-1.0)
+
+
+def test_the_bidirectional_deviation_is_that_of_both_traces_together() -> None:
+    """Half of the difference is 2 µm: cos 2θ lies in 1 to 3 µm clockwise, in −3 to −1 µm back."""
+    path_um = path_of(constant=7.0, cos2=1.0)
+    quantities = circularity._bidirectional_quantities(path_um, path_of(constant=2.0))
+    assert quantities["G_b"] == pytest.approx(6.0)
+    assert quantities["D"] == pytest.approx(7.0)
+
+
+def test_hysteresis_is_half_of_what_two_ways_at_one_force_differ_by(
+    both_ways: tuple[lb.Campaign, Any],
+) -> None:
+    """The readings that the nuisances of all tests give, clockwise less counterclockwise."""
+    _, posterior = both_ways
+    draws_of_models = model_draws_of(posterior, 50)
+    bound = draws_of_models[0].bound
+    draws = draws_of_models[0]
+    coefficients = draw_shared(bound, draws.phi, draws.beta, np.random.default_rng(0))
+    readings = np.einsum("tkq,wq->twk", shared_columns(bound), coefficients)
+    hysteresis = circularity._draw_hysteresis(bound, draws_of_models)["XY"]
+    for k, force_N in enumerate(np.unique(bound.setting.force_N)):
+        clockwise, counterclockwise = (
+            readings[bound.test_names.index(f"{direction}{k}")] for direction in ("CW", "CCW")
+        )
+        expected = 0.5 * (clockwise - counterclockwise) @ basis(ANGLE).T
+        difference_mm = hysteresis.at_force(force_N) @ basis(ANGLE).T
+        np.testing.assert_allclose(difference_mm, expected, atol=1e-12)

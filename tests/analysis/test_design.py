@@ -1034,3 +1034,27 @@ def test_offsets_of_a_setup_without_planned_circles_are_shown_by_none(
 def test_a_plan_in_the_setup_of_its_pilot_shows_every_parameter(six: lb.analysis.Design) -> None:
     assert six.limits.not_shown == ()
     assert not any("No circle of this plan" in sentence for sentence in design_sentences(six))
+
+
+def test_what_is_known_of_slopes_is_the_ratio_of_their_densities_at_zero() -> None:
+    """By Savage and Dickey, ln B of the tests so far is that of prior over posterior at zero."""
+    mean = np.array([[0.8]])
+    before = Gaussian.of(mean, np.array([[[0.3**2]]]))
+    present = norm(0.0, 1.0).logpdf(0.0) - norm(0.8, 0.3).logpdf(0.0)
+    covariance = np.full((1, 1, 1), 0.05)
+    by_default = discrimination_of(covariance, ("a",), size=1.0, before=before)
+    stated = discrimination_of(covariance, ("a",), size=1.0, before=before, present=present)
+    assert stated.expected_with == pytest.approx(by_default.expected_with)
+    assert stated.decisive_without == pytest.approx(by_default.decisive_without)
+
+
+def test_larger_slopes_are_expected_to_show_by_the_square_of_their_size() -> None:
+    """m = (1 − c) β + √(c (1 − c)) ε, ln B = ½ (ln c + m²/c), for β ~ N(0, 3²)."""
+    c = 0.1
+    rng = np.random.default_rng(5)
+    m = (1.0 - c) * rng.normal(0.0, 3.0, 400_000) + rng.normal(0.0, np.sqrt(c * (1 - c)), 400_000)
+    log_bayes_factor = 0.5 * (np.log(c) + m**2 / c)
+    discrimination = discrimination_of(np.full((1, 1, 1), c), ("a",), size=3.0)
+    assert discrimination.expected_with == pytest.approx(log_bayes_factor.mean(), rel=0.01)
+    share = (log_bayes_factor > discrimination.threshold).mean()
+    assert discrimination.decisive_with == pytest.approx(share, abs=0.003)

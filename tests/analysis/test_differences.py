@@ -25,7 +25,7 @@ from ldbb_bayes.analysis.common_effects import (
 )
 from ldbb_bayes.analysis.differences import _rows_at_force
 from ldbb_bayes.analysis.parameter_changes import ChangedParameters, changed_parameters
-from ldbb_bayes.analysis.similar_effects import machine_terms
+from ldbb_bayes.analysis.similar_effects import machine_terms, prior_difference
 from ldbb_bayes.inference.force_curves import draws_at
 from ldbb_bayes.inference.posterior import campaign_of as campaign_of_posterior
 from ldbb_bayes.model.fourier import basis
@@ -816,3 +816,11 @@ def test_a_term_of_the_machine_that_does_not_change_cancels(guide_waves: lb.term
             sd[model is MODEL, same_machine] = difference.sd[0]
     assert sd[False, True] == pytest.approx(sd[True, True], rel=1e-3)
     assert sd[False, False] > 2.0 * sd[True, False]
+
+
+@pytest.mark.parametrize("name", ["bar_length", "joint_load_X_slope"])
+def test_the_prior_of_a_difference_is_that_of_two_correlated_coefficients(name: str) -> None:
+    correlation = lb.terms.Term.owner(name).campaign_correlation
+    covariance = np.array([[1.0, correlation], [correlation, 1.0]])
+    first, second = np.random.default_rng(2).multivariate_normal(np.zeros(2), covariance, 200_000).T
+    assert prior_difference(name) == pytest.approx(np.std(second - first), rel=0.01)

@@ -9,11 +9,17 @@ import numpy as np
 import pytest
 import xarray as xr
 from campaigns import HYPER_UM, TRUTH, plan, refuses, simulated
+from scipy.stats import norm
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis import directional_stiffness
 from ldbb_bayes.analysis.directional_stiffness import PlaneStiffness, stiffness_draws
-from ldbb_bayes.analysis.stated_quantities import AxialDirection, axial_direction, stated_stiffness
+from ldbb_bayes.analysis.stated_quantities import (
+    AxialDirection,
+    axial_direction,
+    is_hardly_positive,
+    stated_stiffness,
+)
 from ldbb_bayes.inference.coefficients import ModelDraws
 from ldbb_bayes.inference.elastic_deflections import elastic_draws
 from ldbb_bayes.machine.exact import exact_reading_mm
@@ -368,3 +374,13 @@ def test_a_text_of_forces_is_refused(posterior: xr.DataTree) -> None:
 
 def test_a_probability_above_one_is_refused(posterior: xr.DataTree) -> None:
     refuses("prob must", lb.stiffness, posterior, prob=95.0)
+
+
+@pytest.mark.parametrize(("lower_end", "expected"), [(0.19, True), (0.21, False)])
+@pytest.mark.parametrize("prob", [0.9, 0.95])
+def test_a_compliance_is_hardly_positive_where_its_interval_begins_below_a_fifth(
+    lower_end: float, expected: bool, prob: float
+) -> None:
+    sd = (1.0 - lower_end) / norm.ppf(0.5 + 0.5 * prob)
+    compliance = norm(1.0, sd).ppf((np.arange(20_000) + 0.5) / 20_000)
+    assert is_hardly_positive(compliance, prob) is expected

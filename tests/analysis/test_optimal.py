@@ -252,3 +252,11 @@ def test_too_few_points_are_seen_whatever_the_rounding(nudge: float) -> None:
     wanted = objective(polynomial(2, x), Determinant(3))
     assert wanted.value(np.array([1.0, 2.0, 1.0, 0.0])) == -np.inf
     assert np.isfinite(wanted.value(np.array([1.0, 0.0, 1.0, 1.0])))
+
+
+@pytest.mark.parametrize("criterion", [Determinant(3), Variance(np.diag([1.0, 2.0, 3.0]))])
+def test_half_as_many_runs_have_half_the_efficiency(criterion: Criterion) -> None:
+    """Without a prior, information grows with the number of runs of every test."""
+    precision = QUADRATIC + np.eye(3)
+    half, whole = (criterion.value(np.linalg.cholesky(runs * precision)) for runs in (1.0, 2.0))
+    assert criterion.efficiency(float(half), float(whole)) == pytest.approx(0.5)

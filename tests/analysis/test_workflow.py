@@ -7,10 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 from campaigns import plan, refuses, simulated
 from scipy.optimize import minimize_scalar
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis import workflow
 from ldbb_bayes.analysis.workflow import Workflow, check_workflow, stacking_weights
 from ldbb_bayes.inference import sample as sample_module
 from ldbb_bayes.inference.hyper_posterior import HyperPosterior
@@ -227,3 +229,15 @@ def test_circles_that_deviate_less_than_the_prior_expects_are_stated(sound: Work
     workflow = replace(sound, prior_ranges=ranges)
     assert workflow.quiet_circles == tuple(ranges)
     assert "4 of 4 circles deviate less" in wording.workflow_sentences(workflow)[0]
+
+
+def test_a_range_that_no_simulated_circle_reaches_is_not_impossible(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of n simulated circles and the measured one, the measured one is the largest: 1/(n + 1)."""
+    bound = CONSTANT.bind(simulated(plan()))
+    monkeypatch.setattr(workflow, "bound_of", lambda _: bound)
+    monkeypatch.setattr(workflow, "prior_circles", lambda *_: [np.zeros((9, 2))] * 4)
+    monkeypatch.setattr(workflow, "_PRIOR_CIRCLES", 9)
+    ranges = workflow._prior_ranges(xr.DataTree(), 1)
+    assert [entry.p_value for entry in ranges.values()] == [pytest.approx(0.1)] * 4

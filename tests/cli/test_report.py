@@ -83,6 +83,7 @@ def test_everything_written(result: Path, comparison: Path, tmp_path: Path, invo
     budget = pd.read_csv(out / "tables" / "budget.csv")
     for name, entry in summary.items():
         assert table.loc[name, "mean"] == pytest.approx(entry["mean"], rel=1e-12)
+        assert table.loc[name, "U_k2"] == pytest.approx(2.0 * entry["sd"], rel=1e-9)
         assert [table.loc[name, "ci_low"], table.loc[name, "ci_high"]] == pytest.approx(
             entry["ci95"], rel=1e-9
         )

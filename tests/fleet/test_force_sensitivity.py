@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from campaigns import plan, simulated
 
+import ldbb_bayes as lb
 from ldbb_bayes.fleet.force_sensitivity import with_common_sensitivity
 from ldbb_bayes.fleet.machine_effects import with_deviations
 from ldbb_bayes.model.gaussian import Gaussian
@@ -45,3 +47,29 @@ def test_many_machines_do_not_tell_the_gain_of_the_force() -> None:
     assert sd == pytest.approx(SD, rel=0.02)
     wrong, _ = posterior_of_gain(raw)
     assert wrong > 2.0 * SD
+
+
+def test_a_curvature_of_the_force_law_acts_as_its_column_does_beside_that_of_the_gain() -> None:
+    """The readings move by C F of a gain and by C F_max q(F) of a curvature; slopes, by the
+    derivative of their ratio with respect to the force."""
+    forces_N = np.array([150.0, 300.0, 600.0])
+    campaign = simulated(plan((24,) * 3, forces_N=forces_N))
+    gain, curvature, _ = lb.terms.ForceError().columns(
+        lb.HybridModel.default(degree=1).bind(campaign).setting
+    )
+    ratio = curvature.values[:, 1, 0] / gain.values[:, 1, 0]
+    names = ("C_XXX", "C_XXX_1", "force_gain", "force_curvature")
+    rows = pd.DataFrame(
+        {
+            "force_max_N": [600.0] * 3,
+            "gaussian_names": [names] * 3,
+            "gaussian_mean": [[50.0, 0.0, 0.0, 0.0], [60.0, 0.0, 0.0, 0.0], [80.0, 0.0, 0.0, 0.0]],
+        }
+    )
+    unit = Gaussian(np.tile(np.eye(4), (3, 1, 1)), np.zeros((3, 4)))
+    per_newton = (ratio[1] - ratio[0]) / (forces_N[1] - forces_N[0])
+    for force_N, expected in zip(forces_N, ratio, strict=True):
+        precision = with_common_sensitivity(unit, names, rows, force_N).precision
+        np.testing.assert_allclose(precision[:, 0, 2], [10.0, 0.0, -20.0])
+        np.testing.assert_allclose(precision[:, 0, 3], precision[:, 0, 2] * expected, atol=1e-12)
+        np.testing.assert_allclose(precision[:, 1, 3], precision[:, 0, 2] * per_newton)

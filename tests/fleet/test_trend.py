@@ -706,3 +706,9 @@ def test_limits_are_of_what_the_next_campaign_would_say() -> None:
     sd = estimates.std(axis=0)
     error = chart.limits[:, 2] - np.quantile(estimates, [0.05, 0.95], axis=0)
     np.testing.assert_allclose(error / sd, 0.0, atol=0.03)
+
+
+def test_nodes_of_the_scatter_have_the_moments_of_a_half_normal_density() -> None:
+    scatter, weight = scatter_rule(0.3)
+    assert weight @ scatter**2 == pytest.approx(halfnorm(scale=0.3).moment(2), rel=2e-4)
+    assert weight @ scatter**4 == pytest.approx(halfnorm(scale=0.3).moment(4), rel=2e-4)

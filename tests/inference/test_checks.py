@@ -13,10 +13,13 @@ import ldbb_bayes as lb
 from ldbb_bayes.inference import checks as predictive_checks
 from ldbb_bayes.inference.centre_shift import _p_value_of_no_slope, centre_shift
 from ldbb_bayes.inference.checks import (
+    Check,
+    CheckKind,
     TestChecks,
     _squares_of_orders,
     autocorrelation,
     check_predictions,
+    failing_checks,
 )
 from ldbb_bayes.inference.effects_of_failures import (
     _noise_variance_above_order_12,
@@ -252,3 +255,27 @@ def test_squares_of_orders_are_those_of_each_covariance() -> None:
             covariance = columns[own] @ np.diag(sd[draw] ** 2) @ columns[own].T
             expected = residual[draw, own] @ np.linalg.solve(covariance, residual[draw, own])
             assert squares[draw, order] == pytest.approx(expected, rel=1e-10)
+
+
+def test_one_of_a_hundred_right_fits_has_a_failing_check(rng: np.random.Generator) -> None:
+    """However many checks a fit has: their p-values are uniform where the model is right."""
+    alarms = []
+    for p_values in rng.random((20_000, 30)):
+        checks = [Check(CheckKind.NOISE, "f300", p) for p in p_values]
+        alarms.append(bool(failing_checks(checks)))
+    assert np.mean(alarms) == pytest.approx(0.01, abs=0.003)
+
+
+def test_a_failing_circle_shifts_by_the_most_sds_of_any_parameter() -> None:
+    """Posterior means with and without the circle, by the dense oracle."""
+    campaign = planted(3, 4.0)
+    bound = MODEL.bind(campaign)
+    failing = {"f520": TestChecks({3: 1e-9}, None, None, None)}
+    shift, _ = effects_of_failures(bound, PHI, failing)
+    remaining = tuple(test for test in campaign.tests if test.name != "f520")
+    whole = oracle_of(campaign, 0).given(PHI)
+    without = oracle_of(replace(campaign, tests=remaining), 0).given(PHI)
+    sd = np.sqrt(np.diag(whole.covariance))
+    expected = np.max(np.abs(without.mean - whole.mean) / sd)
+    # The compliance that sizes the force errors is estimated anew by the oracle.
+    assert shift["f520"] == pytest.approx(expected, rel=0.02)

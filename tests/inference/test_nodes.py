@@ -29,3 +29,12 @@ def test_draws_of_a_truncated_density_have_no_negative_compliance(
     posterior = HyperPosterior(model.bind(usually_negative.campaign), truncated=True)
     beta, _ = compute_nodes(posterior, 0.1).draw(400, np.random.default_rng(1))
     assert usually_negative.truncation.holds(beta).all()
+
+
+def test_moments_are_those_of_draws(usually_negative: BoundModel) -> None:
+    posterior = HyperPosterior(usually_negative, truncated=False)
+    nodes = compute_nodes(posterior, 0.01)
+    mean, sd = nodes.moments()
+    beta, _ = nodes.draw(40_000, np.random.default_rng(1))
+    np.testing.assert_allclose((mean - beta.mean(axis=0)) / sd, 0.0, atol=0.03)
+    np.testing.assert_allclose(sd, beta.std(axis=0), rtol=0.03)

@@ -90,6 +90,10 @@ def test_prediction_as_a_table(posterior: xr.DataTree, averaged: xr.DataTree) ->
     assert table.equals(lb.predict(posterior, LATER, prob=0.8, seed=2))
     mean_um = lb.predict(averaged, LATER)["mean_um"]
     np.testing.assert_allclose(mean_um, table["mean_um"], atol=1.0)
+    wide = lb.predict(posterior, LATER, prob=0.95, seed=2)
+    ratio = stats.norm.isf(0.1) / stats.norm.isf(0.025)
+    half_widths = [(one["ci_high_um"] - one["ci_low_um"]).mean() for one in (table, wide)]
+    assert half_widths[0] / half_widths[1] == pytest.approx(ratio, rel=0.08)
 
 
 @pytest.mark.slow

@@ -9,14 +9,16 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import pytest
-from campaigns import TRUTH, oracle_of, refuses
+from campaigns import TRUTH, oracle_of, plan, refuses
 from oracle import Estimate, Oracle, OracleMachine, Stated
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Ball, Campaign, CircularTest, Instrument, MountCompensation
 from ldbb_bayes.inference.elastic_deflections import compliance_curves
 from ldbb_bayes.machine.linear import compliance_jacobian, geometric_jacobian
+from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.terms.joints import compliance_along_travel
 
 TERMS = {
     "ball-form": "form",
@@ -507,3 +509,24 @@ def test_plan_that_begins_with_the_tests_of_its_pilot_keeps_their_times() -> Non
     without_time = replace(pilot.plan(), tests=(*stating.plan().tests, further))
     hours = BoundModel(model, without_time, pilot=stating).setting.time_h
     assert hours[-1] == pytest.approx((max(times) + 360.0 - np.mean(times)) / 3600.0)
+
+
+def test_compliance_along_the_travel_of_circles_at_different_centres() -> None:
+    """F u² x and F u² (x² − ½) at x = (centre + R u)/R₀, evaluated at angles."""
+    tests = [
+        replace(test, centre_x_mm=centre_mm, radius_mm=radius_mm)
+        for test, centre_mm, radius_mm in zip(
+            plan().tests, (-90.0, 0.0, 30.0, 60.0), (150.0, 100.0, 150.0, 100.0), strict=True
+        )
+    ]
+    setting = lb.HybridModel.default(degree=0).bind(replace(plan(), tests=tuple(tests))).setting
+    theta = np.linspace(0.0, 2 * np.pi, 50)
+    u = np.cos(theta)
+    columns = compliance_along_travel(setting, 0)
+    for r, test in enumerate(tests):
+        x = (float(test.centre_x_mm or 0.0) - setting.reference_centre_mm[0]) / 100.0
+        x = x + float(test.radius_mm or 0.0) / 100.0 * u
+        force_N = float(test.force_N or 0.0)
+        values = basis(theta) @ columns[r]
+        np.testing.assert_allclose(values[:, 0], force_N * u**2 * x, atol=1e-9)
+        np.testing.assert_allclose(values[:, 1], force_N * u**2 * (x**2 - 0.5), atol=1e-9)
