@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from oracle import compliance_columns, geometric_columns
 from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.averaging import _WeightedModels
+from ldbb_bayes.analysis.averaging import _averaged_prior, _WeightedModels
 from ldbb_bayes.inference.evidence import probabilities
 from ldbb_bayes.inference.posterior import curves_of, fit_of, model_draws_of, record_of
 from ldbb_bayes.inference.summary import result_json
@@ -234,3 +235,15 @@ def test_an_infinite_error_or_a_single_model() -> None:
     assert both.probability_error == pytest.approx(0.9)
     alone = _WeightedModels((), (exact,), np.array([1.0]), None)
     assert alone.probability_error == 0.0
+
+
+def test_the_prior_of_an_average_has_the_moments_of_draws_from_either_model() -> None:
+    """A stated compliance keeps its prior; a slope that one of two models lacks is zero in half."""
+    linear = LINEAR.with_prior(C_XXX=("60 nm/N", "5 nm/N"))
+    bounds = [linear.with_degree(0).bind(CAMPAIGN), linear.bind(CAMPAIGN)]
+    weighted: Any = SimpleNamespace(bound=bounds[1], bounds=bounds, nodes=[None, None])
+    prior_sd = _averaged_prior(weighted, {})["prior_sd"]
+    assert prior_sd["C_XXX"] == pytest.approx(5e-6)
+    rng = np.random.default_rng(4)
+    slope = rng.normal(0.0, bounds[1].prior_sd[SLOPE], 200_000) * (rng.random(200_000) < 0.5)
+    assert prior_sd["C_XXX_1"] == pytest.approx(slope.std(), rel=0.01)

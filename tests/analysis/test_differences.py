@@ -24,7 +24,11 @@ from ldbb_bayes.analysis.common_effects import (
     worst_conflict,
 )
 from ldbb_bayes.analysis.differences import _rows_at_force
-from ldbb_bayes.analysis.parameter_changes import ChangedParameters, changed_parameters
+from ldbb_bayes.analysis.parameter_changes import (
+    ChangedParameters,
+    changed_parameters,
+    differences_can_be_used,
+)
 from ldbb_bayes.analysis.similar_effects import machine_terms, prior_difference
 from ldbb_bayes.inference.force_curves import draws_at
 from ldbb_bayes.inference.posterior import campaign_of as campaign_of_posterior
@@ -824,3 +828,10 @@ def test_the_prior_of_a_difference_is_that_of_two_correlated_coefficients(name: 
     covariance = np.array([[1.0, correlation], [correlation, 1.0]])
     first, second = np.random.default_rng(2).multivariate_normal(np.zeros(2), covariance, 200_000).T
     assert prior_difference(name) == pytest.approx(np.std(second - first), rel=0.01)
+
+
+@pytest.mark.parametrize(("p_value", "expected"), [(0.009, False), (0.011, True)])
+def test_differences_are_of_no_use_where_common_effects_contradict_each_other(
+    p_value: float, expected: bool
+) -> None:
+    assert differences_can_be_used({"conflict": ("mount", p_value)}) is expected

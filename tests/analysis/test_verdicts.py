@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.origins import Origin
 from ldbb_bayes.analysis.posterior_verdicts import judge_at_force
 from ldbb_bayes.analysis.variance_sources import VarianceSource, sources_of
-from ldbb_bayes.analysis.verdicts import Verdict, judge, judge_parameters
+from ldbb_bayes.analysis.verdicts import Verdict, judge, judge_changes, judge_parameters
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.terms.columns import NOISE, PARAMETERS
@@ -475,3 +477,18 @@ def test_the_prior_sd_of_a_geometric_error_is_exact(recovered: lb.Campaign) -> N
     for name in bound.geometric_errors:
         place = bound.names.index(name.label)
         assert entries[name.label].prior_sd == bound.prior_sd[place]
+
+
+@pytest.mark.parametrize(("sd", "verdict"), [(0.45, "identified"), (0.55, "prior-limited")])
+def test_a_change_is_prior_limited_where_more_than_half_of_its_prior_sd_remains(
+    sd: float, verdict: str
+) -> None:
+    sources = SimpleNamespace(sources=[assumed(PARAMETERS, 1.0)], likeness={})
+    variance: Any = SimpleNamespace(
+        number_of_parameters=0, variance=np.array([sd**2]), sources=lambda *_: sources
+    )
+    change: Any = SimpleNamespace(
+        slopes=(), unit="mm/N", smallest_force_N=36.0, largest_force_N=742.0
+    )
+    entries = judge_changes(variance, {"C_XXX": change}, np.ones(1))
+    assert entries["C_XXX"].verdict == verdict
