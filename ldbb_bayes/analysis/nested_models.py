@@ -221,17 +221,33 @@ class NestedModels:
 
     @cached_property
     def _log_prior_inside(self) -> list[float]:
-        """Log prior probabilities, under every model, that no compliance is negative."""
-        q = len(self.prior_sd)
+        """Log prior probabilities, under every model, that no compliance is negative.
+
+        The rivals have no effect on it. It is computed once for all models that have the same
+        parameters.
+        """
+        p = len(self.bound.names)
+        known: dict[tuple[int, ...], float] = {}
         log_probabilities = []
         for zeros in self.zeros:
-            variance = np.ones(q)
-            variance[list(zeros)] = 0.0
-            prior = Coefficients(np.zeros((1, q)), np.diag(variance)[None])
-            parameters = self.parameters_of(prior)
-            inside = truncated_moments(self.bound, parameters.mean, parameters.covariance)
-            log_probabilities.append(float(inside.log_probability[0]))
+            zero_parameters = tuple(k for k in zeros if k < p)
+            if zero_parameters not in known:
+                known[zero_parameters] = self._log_prior_inside_with(zero_parameters)
+            log_probabilities.append(known[zero_parameters])
         return log_probabilities
+
+    def _log_prior_inside_with(self, zero_parameters: tuple[int, ...]) -> float:
+        """Return the log prior probability that no compliance is negative, with some at zero.
+
+        ``zero_parameters`` are the indices of the parameters that are zero.
+        """
+        q = len(self.prior_sd)
+        variance = np.ones(q)
+        variance[list(zero_parameters)] = 0.0
+        prior = Coefficients(np.zeros((1, q)), np.diag(variance)[None])
+        parameters = self.parameters_of(prior)
+        inside = truncated_moments(self.bound, parameters.mean, parameters.covariance)
+        return float(inside.log_probability[0])
 
 
 class _NestedCoefficients(NamedTuple):

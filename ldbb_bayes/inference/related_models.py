@@ -35,6 +35,10 @@ _FINER = 0.5
 _MULTIPLE_OF_GIVEN_ERROR = 1.5
 # If the error of the given model is larger than this [nat], new nodes are computed nevertheless.
 _LARGEST_GIVEN_ERROR = 0.2
+# The evidence of a model is at most the one that it would have if no reading made its compliances
+# negative. A model is negligible if this upper bound of its log evidence is below the limit of
+# negligible models by this number [nat]: no sum of evidences then shows which value it has.
+_FAR_BELOW = 20.0
 
 
 class RelatedModels:
@@ -95,7 +99,9 @@ class RelatedModels:
         A model is negligible if its log evidence is at most ``below`` [nat]. If the nodes of the
         given model do not suffice, and new nodes were computed for other models before, these nodes
         are tried before new nodes are computed again. They are returned if they show within the
-        tolerance that the model is negligible. The second value is true in this case.
+        tolerance that the model is negligible. If new nodes without truncation show that the model
+        is negligible by far, these are returned, and the log evidence from them is an upper bound.
+        The second value is true in both cases.
         """
         if posterior.bound.hyper_prior.names != self._names:
             return compute_nodes(posterior, self._tolerance), False
@@ -115,10 +121,12 @@ class RelatedModels:
         weighted = self._integral_from_all_values(posterior)
         if weighted.meets(self._tolerance):
             return Nodes(posterior, weighted.integral, weighted.value_error), False
-        nodes = compute_nodes(posterior, self._tolerance)
         untruncated = compute_nodes(posterior.without_truncation, self._tolerance)
         self._further_ratios.append(RatioSampler(untruncated.integral))
-        return nodes, False
+        at_most = Nodes(posterior, untruncated.integral)
+        if at_most.evidence.log_value + at_most.error <= below - _FAR_BELOW:
+            return at_most, True
+        return compute_nodes(posterior, self._tolerance), False
 
     @property
     def _attainable_error(self) -> float:

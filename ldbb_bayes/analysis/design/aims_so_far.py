@@ -37,6 +37,7 @@ __all__ = [
     "decided_from",
     "goal_states",
     "known_from",
+    "likely_hyper_parameters",
     "tolerance_states",
 ]
 
@@ -143,9 +144,16 @@ def known_from(nodes: Nodes, seed: int) -> Known:
     rng = np.random.default_rng(seed)
     estimates = present_estimates(nodes)
     draws, phi_of_draws = nodes.draw(PRESENT_DRAWS, rng)
-    free = nodes.integral.resample(_NODES, rng)
-    phi = nodes.bound.hyper_prior.phi(free)
+    phi = likely_hyper_parameters(nodes, rng)
     return Known(nodes.bound, estimates.mean, estimates.sd, draws, phi_of_draws, phi)
+
+
+def likely_hyper_parameters(nodes: Nodes, rng: np.random.Generator) -> Array:
+    """Return K equally likely values of the h hyper-parameters, shape (K, h), lengths in mm.
+
+    They are drawn with ``rng`` from ``nodes``, weighted values that represent the posterior.
+    """
+    return nodes.bound.hyper_prior.phi(nodes.integral.resample(_NODES, rng))
 
 
 def _inflation(sd: float, weights: Array, covariance: Array) -> float:

@@ -201,7 +201,8 @@ def _stated_goals(
         nodes = Evidences(space.pilot, tolerance=EVIDENCE_TOLERANCE).nodes(space.model)[0]
         value, sd = present_estimates(nodes)
         draws, _ = nodes.draw(PRESENT_DRAWS, np.random.default_rng(space.seed))
-        sds, averaged = sds_of_fit(space.model, pilot, nodes)
+        evidences_of_fit = Evidences(pilot, tolerance=EVIDENCE_TOLERANCE)
+        sds, averaged = sds_of_fit(space.model, evidences_of_fit, nodes)
     stated = {}
     for name, goal in goals.items():
         k = bound.names.index(name)

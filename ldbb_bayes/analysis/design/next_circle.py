@@ -35,6 +35,7 @@ from ldbb_bayes.analysis.design.aims_so_far import (
     decided_from,
     goal_states,
     known_from,
+    likely_hyper_parameters,
     tolerance_states,
 )
 from ldbb_bayes.analysis.design.bound_plans import bind_tests
@@ -259,16 +260,16 @@ def next_circle(
     known = known_from(nodes, seed)
     # The model is applied to the circles run so far, followed by all possible circles.
     bound = bind_tests(space.model, space.pilot, space.tests, keep_pilot_tests=True)
-    objective = _objective(bound, space, known)
+    objective = _objective(bound, space, known.bound.names, known.phi)
     candidates = CandidateCovariances(objective)
     of_goals = goal_states(read_goals, known, candidates.before, confidence)
+    evidences_of_sheets = _evidences_of_sheets(evidences, model, campaign, known)
     if of_goals:
-        stated = sds_of_fit(model, campaign, nodes)
+        stated = sds_of_fit(model, evidences_of_sheets, nodes)
         of_goals = _with_other_uncertainties(of_goals, stated, confidence)
     of_tolerances = _states_of_tolerances(
         tolerances, space, known, evidences, candidates.before, confidence
     )
-    evidences_of_sheets = _evidences_of_sheets(evidences, model, campaign, known)
     of_tolerances = _decided_on_sheets(
         of_tolerances, tolerances, space, known, evidences_of_sheets, confidence
     )
@@ -343,9 +344,9 @@ def _may_reach(space: Space, aims: Sequence[Aim]) -> bool:
     """
     widened = with_other_kinds(space)
     nodes = Evidences(widened.pilot, tolerance=EVIDENCE_TOLERANCE).nodes(widened.model)[0]
-    known = known_from(nodes, space.seed)
+    phi = likely_hyper_parameters(nodes, np.random.default_rng(space.seed))
     bound = bind_tests(widened.model, widened.pilot, widened.tests, keep_pilot_tests=True)
-    covariances = _covariances_after_very_many(_objective(bound, widened, known))
+    covariances = _covariances_after_very_many(_objective(bound, widened, nodes.bound.names, phi))
     return all(aim.is_reached or aim.is_expected(covariances) for aim in aims)
 
 
@@ -553,18 +554,19 @@ def _clockings_of(campaign: Campaign) -> list[Clocking]:
     return list(dict.fromkeys(pairs))
 
 
-def _objective(bound: BoundModel, space: Space, known: Known) -> Objective:
+def _objective(
+    bound: BoundModel, space: Space, names: Sequence[str], phi: Array
+) -> Objective:
     """Return the information from the circles run so far, and from each possible next circle.
 
     The result holds the information as matrices. It is an ``Objective``, the object that a search
     for a design maximises; here, only its matrices are used, not its criterion. All parameters are
-    of interest. ``space`` holds the possible circles, and ``bound`` is the model applied to the
-    circles run so far and to the possible circles. ``known`` holds equally likely values of the
-    hyper-parameters.
+    of interest; ``names`` are their names. ``space`` holds the possible circles, and ``bound`` is
+    the model applied to the circles run so far and to the possible circles. ``phi``, shape (K, h),
+    are K equally likely values of the h hyper-parameters.
     """
-    names = known.bound.names
     tests_run = len(space.pilot.tests)
-    return objective_of(bound, tests_run, known.phi, names, Determinant(len(names)))
+    return objective_of(bound, tests_run, phi, names, Determinant(len(names)))
 
 
 def _joint_probability(states: Mapping[str, GoalState], known: Known) -> float:
@@ -581,8 +583,10 @@ def _covariances_after_very_many(objective: Objective) -> Array:
     The candidate circles are the candidate tests of ``objective``. The result has the shape (K, p,
     p), for p parameters at K values of the hyper-parameters.
     """
-    rows = objective.rows
-    information = (np.swapaxes(rows, -1, -2) @ rows).sum(axis=1)
+    # One value of the hyper-parameters after the other, because the products need much memory.
+    information = np.array(
+        [(np.swapaxes(rows, -1, -2) @ rows).sum(axis=0) for rows in objective.rows]
+    )
     return np.linalg.inv(objective.prior + VERY_MANY_REPETITIONS * information)[
         :, -objective.interest :, -objective.interest :
     ]

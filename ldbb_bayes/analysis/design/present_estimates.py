@@ -78,16 +78,16 @@ class FittedSds(NamedTuple):
     averaged: dict[str, float]
 
 
-def sds_of_fit(model: HybridModel, campaign: Campaign, nodes: Nodes) -> FittedSds:
+def sds_of_fit(model: HybridModel, evidences: Evidences, nodes: Nodes) -> FittedSds:
     """Return the standard uncertainties that analyses of the circles run so far state.
 
-    ``model`` is the model, and ``campaign`` holds the circles run so far. ``nodes`` represent the
+    ``model`` is the model, and ``evidences`` are of the circles run so far. ``nodes`` represent the
     posterior under the model that a design uses for the same circles. This model may have further
     effects, such as hysteresis if further circles may run in both directions.
     """
-    if has_effects_of_fit(model, campaign, nodes.bound):
+    if has_effects_of_fit(model, evidences.campaign, nodes.bound):
         return FittedSds({}, averaged_sds_now(nodes))
-    nodes_of_fit = Evidences(campaign, tolerance=EVIDENCE_TOLERANCE).nodes(model)[0]
+    nodes_of_fit = evidences.nodes(model)[0]
     sds = present_estimates(nodes_of_fit).sd.tolist()
     of_fit = dict(zip(nodes_of_fit.bound.names, sds, strict=True))
     return FittedSds(of_fit, averaged_sds_now(nodes_of_fit))
