@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -149,6 +150,14 @@ class Fit(Result):
     #: is estimated from their readings at the Fourier orders 13 to 16. Zero if no test fails these
     #: checks.
     widening: float
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Fit:
+        """Return this fit itself, because a fit does not change.
+
+        Pandas makes a deep copy of the attributes of a table, one of which is its fit, for every
+        row and column that is taken from the table.
+        """
+        return self
 
     @cached_property
     def checks(self) -> list[Check]:

@@ -15,7 +15,7 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, cached_property
 from importlib.resources import files
 from typing import Any, NamedTuple
 
@@ -78,16 +78,32 @@ class _SplitText(NamedTuple):
     word: str
 
 
-class _Phrase(NamedTuple):
-    """An English text that has placeholders, and its translation with the same placeholders.
+@dataclass(frozen=True, eq=False)
+class _Phrase:
+    """An English text that has placeholders, and its translation with the same placeholders."""
 
-    ``pattern`` is a regular expression made from the English text. ``size`` is the number of
-    characters of this expression outside the placeholders.
-    """
-
-    pattern: re.Pattern[str]
+    english: str
     translation: str
-    size: int
+
+    def match(self, text: str) -> re.Match[str] | None:
+        """Return how a text matches the whole English text, or None if it does not.
+
+        Most texts differ from it before its first placeholder; its pattern is then not needed.
+        """
+        if not text.startswith(self.english.partition("{")[0]):
+            return None
+        return self._pattern.fullmatch(text)
+
+    @cached_property
+    def size(self) -> int:
+        """Number of characters of the regular expression outside the placeholders."""
+        return len(_PLACE.sub("", re.escape(self.english)))
+
+    @cached_property
+    def _pattern(self) -> re.Pattern[str]:
+        """Regular expression for texts that have other texts in place of the placeholders."""
+        fixed = re.escape(self.english)
+        return re.compile(_PLACE.sub(_group_of_placeholder, fixed), re.DOTALL)
 
 
 class Catalogue(NamedTuple):
@@ -219,7 +235,7 @@ class TextTranslation:
         a placeholder stands has no translation.
         """
         for phrase in self.catalogue.phrases:
-            match = phrase.pattern.fullmatch(text)
+            match = phrase.match(text)
             if match is None:
                 continue
             values = match.groupdict()
@@ -295,19 +311,8 @@ def catalogue_of(language: str, *names: str) -> Catalogue | None:
             return None
         for table in tomllib.loads(source.read_text(encoding="utf-8")).values():
             entries |= table
-    phrases = [_phrase(key, entries[key]) for key in entries if "{" in key]
+    phrases = [_Phrase(key, entries[key]) for key in entries if "{" in key]
     return Catalogue(entries, tuple(sorted(phrases, key=lambda phrase: -phrase.size)))
-
-
-def _phrase(key: str, translation: str) -> _Phrase:
-    """Return an English text with placeholders as a pattern that other texts can match.
-
-    ``key`` is the English text, with placeholders such as ``{a}``. ``translation`` is its
-    translation, with the same placeholders.
-    """
-    fixed = re.escape(key)
-    pattern = re.compile(_PLACE.sub(_group_of_placeholder, fixed), re.DOTALL)
-    return _Phrase(pattern, translation, len(_PLACE.sub("", fixed)))
 
 
 def _group_of_placeholder(match: re.Match[str]) -> str:

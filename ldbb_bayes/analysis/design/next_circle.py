@@ -554,9 +554,7 @@ def _clockings_of(campaign: Campaign) -> list[Clocking]:
     return list(dict.fromkeys(pairs))
 
 
-def _objective(
-    bound: BoundModel, space: Space, names: Sequence[str], phi: Array
-) -> Objective:
+def _objective(bound: BoundModel, space: Space, names: Sequence[str], phi: Array) -> Objective:
     """Return the information from the circles run so far, and from each possible next circle.
 
     The result holds the information as matrices. It is an ``Objective``, the object that a search
