@@ -182,8 +182,9 @@ def average_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
     it may take less time. A combination of explanations is negligible if its log evidence is at
     least 10 nat below that of another combination that agrees with it on slopes. New values of the
     hyper-parameters are not computed for a combination if it is shown to be negligible without
-    them; its numerical error is then left out. The log Bayes factor differs from that of
-    `compare_explanations` by less than 1e-4 nat.
+    them, and its evidence is only bounded if it is negligible by far; its numerical error is then
+    left out. The log Bayes factor differs from that of `compare_explanations` by less than 1e-4
+    nat.
     """
     constant, linear = pair.values()
     combinations = subsets(linear.rivals)

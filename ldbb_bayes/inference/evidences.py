@@ -165,7 +165,8 @@ class Evidences(Shown):
         A model is negligible if its log evidence is at most ``below`` [nat]. If `nodes` would have
         to compute new nodes, and the nodes of a related model show that the model is negligible,
         these nodes are returned with new weights. The second value is then true, and the log
-        evidence agrees with that from `nodes` within the tolerance of this object.
+        evidence agrees with that from `nodes` within the tolerance of this object. Of a model that
+        is negligible by far, the log evidence may be an upper bound.
         """
         key = model_to_toml(model)
         if key in self._nodes:

@@ -121,6 +121,15 @@ class RelatedModels:
         weighted = self._integral_from_all_values(posterior)
         if weighted.meets(self._tolerance):
             return Nodes(posterior, weighted.integral, weighted.value_error), False
+        return self._new_nodes(posterior, below)
+
+    def _new_nodes(self, posterior: HyperPosterior, below: float) -> tuple[Nodes, bool]:
+        """Return new nodes of a model, and whether they show that it is negligible by far.
+
+        If they do, they are without truncation, and the log evidence from them is an upper bound.
+        New nodes without truncation are kept for further models. ``below`` is the largest log
+        evidence of a negligible model [nat].
+        """
         untruncated = compute_nodes(posterior.without_truncation, self._tolerance)
         self._further_ratios.append(RatioSampler(untruncated.integral))
         at_most = Nodes(posterior, untruncated.integral)

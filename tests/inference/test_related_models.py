@@ -185,3 +185,31 @@ def test_a_negligible_model_has_nodes_of_an_earlier_model(recovered: Campaign) -
     nodes, is_negligible = related.nodes_unless_negligible(second, highest - 1.0)
     assert not is_negligible
     assert nodes.evidence == separate.evidence
+
+
+def test_the_evidence_of_a_model_that_is_negligible_by_far_is_only_bounded(
+    recovered: Campaign,
+) -> None:
+    """The bound is the evidence without truncation over the prior probability of its region."""
+    campaign = LINEAR.with_degree(0).simulate(recovered.plan(), seed=1).campaign
+    of_other_readings = compute_nodes(posterior_of(LINEAR, recovered).without_truncation, TOLERANCE)
+    related = RelatedModels(of_other_readings, TOLERANCE)
+    posterior = posterior_of(LINEAR.without("force-error", "drift"), campaign)
+    separate = compute_nodes(posterior, TOLERANCE)
+    without = compute_nodes(posterior.without_truncation, TOLERANCE)
+    log_prior_probability = posterior.bound.parameter_prior.normalisation.log_value
+
+    far_above = separate.evidence.log_value + 1000.0
+    nodes, is_negligible = related.nodes_unless_negligible(posterior, far_above)
+
+    assert is_negligible
+    assert nodes.evidence.log_value == pytest.approx(
+        without.evidence.log_value - log_prior_probability, abs=1e-9
+    )
+    assert nodes.evidence.log_value >= separate.evidence.log_value - separate.error
+    just_above = separate.evidence.log_value + 10.0
+    nodes, is_negligible = RelatedModels(of_other_readings, TOLERANCE).nodes_unless_negligible(
+        posterior, just_above
+    )
+    assert not is_negligible
+    assert nodes.evidence == separate.evidence
