@@ -417,6 +417,9 @@ def test_no_goal_is_suggested_that_is_no_less_than_the_present_one(share_of_pres
     assert sentence in " ".join(text.split())
     for asked in re.findall(r"Ask for ([0-9.]+) nm/N", text):
         assert share_of_present * present_U <= 1e-6 * float(asked) / 1.05 < present_U
+    added = replace(design, adds_to_pilot=True, obstacles={"C_XXX": obstacle})
+    hardly = "Adding 40 circles hardly narrows U." in " ".join(text_of(added).split())
+    assert hardly == (share_of_present == 0.99)
 
 
 def test_a_goal_just_below_what_remains_reads_as_less_than_it():

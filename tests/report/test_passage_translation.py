@@ -54,6 +54,8 @@ SENTENCES = [
     "40 circles alone leave no less than is known already. With --augment the circles run so far"
     " count too.",
     "1 circle alone leaves no less than is known already.",
+    "Adding 1 circle hardly narrows U.",
+    "Adding 40 circles hardly narrows U.",
     "No campaign within 0.1 h reaches the other goals on 90 % of the machines. The shortest"
     " campaign takes 21 min, set-up included.",
     "C_XXX: in this time 1 circle leaves U of up to 18 nm/N on nine in ten machines; 8.0 nm/N is"
