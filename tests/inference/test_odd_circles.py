@@ -36,5 +36,5 @@ def test_a_circle_is_odd_if_the_whole_interval_is_above_the_limit(posterior: xr.
 
 def test_every_thirteenth_circle_exceeds_the_limit_under_the_prior() -> None:
     """λ² ~ InvGamma(3/2, 3/2), so that 1 / λ² ~ Gamma(3/2, rate 3/2)."""
-    exceeds = gamma.cdf(1.0 / module._LARGE_FACTOR**2, 1.5, scale=1.0 / 1.5)
+    exceeds = gamma.cdf(1.0 / module.LARGE_NOISE_FACTOR**2, 1.5, scale=1.0 / 1.5)
     assert 1.0 / exceeds == pytest.approx(13.0, abs=0.5)
