@@ -48,6 +48,8 @@ __all__ = [
 ]
 
 _WORDS = WORDS["angle_convention"]
+# The axes at which the angles of a file may begin.
+_AXES_WITH_SIGN = ("+X", "+Y", "-X", "-Y")
 # Regular expression for the axis at which angles begin, after words such as "from" or "zero at".
 _ZERO = re.compile(
     rf"(?:{_WORDS['zero']})[^\w+\-−]*(?:(?:{_WORDS['filling']})[^\w+\-−]+)*"
@@ -271,7 +273,7 @@ def _start_of_travel(recording: Recording) -> float | None:
     for line, content in recording.lines_outside:
         text = content[:LONGEST_TEXT]
         if len(starts) > 1 or (_START.search(text) and _AXIS.search(text)):
-            raise _unknown_zero(recording, cited_line(line), text.strip())
+            raise _unknown_start(recording, cited_line(line), text.strip()[:TEXT_SHOWN])
     return starts.pop() if starts else None
 
 
@@ -730,6 +732,20 @@ def _check_no_axis(recording: Recording, source: str | CitedLine, text: str) -> 
         raise _unknown_zero(recording, source, text.strip()[:TEXT_SHOWN])
 
 
+def _unknown_start(recording: Recording, source: str | CitedLine, shown: str) -> OpenQuestionError:
+    """Return the error for travelled angles and a text that may state where they begin.
+
+    ``shown`` is the text, and ``source`` tells where it is, such as "line 3".
+    """
+    return OpenQuestionError(
+        f"{recording.place}: the angle travelled must be counted from a stated axis; {shown!r} in"
+        f" {source} may name it. Say at which angles begin: --angle-zero +X, +Y, -X or -Y. If they"
+        " begin at no axis, give --angle-offset-deg.",
+        "angle_zero",
+        _AXES_WITH_SIGN,
+    )
+
+
 def _unknown_zero(recording: Recording, source: str | CitedLine, shown: str) -> OpenQuestionError:
     """Return the error for a text that should name the axis where angles begin, but does not.
 
@@ -739,5 +755,5 @@ def _unknown_zero(recording: Recording, source: str | CitedLine, shown: str) -> 
         f"{recording.place}: angles must begin at an axis, got {shown!r} in {source}. Say at which:"
         " --angle-zero +X, +Y, -X or -Y. If they begin at no axis, give --angle-offset-deg.",
         "angle_zero",
-        ("+X", "+Y", "-X", "-Y"),
+        _AXES_WITH_SIGN,
     )

@@ -132,7 +132,7 @@ def test_a_travelled_angle_begins_at_the_stated_start(
 def test_the_axis_at_which_a_travelled_angle_begins_is_asked_for(tmp_path: Path) -> None:
     path = written(tmp_path, "CW", CCW_OF_TWO_LAPS[:72], above="Start: +Y")
     path.write_text(path.read_text().replace("angle_deg", "Travelled angle [deg]"))
-    with pytest.raises(lb.InputError, match=r"got 'Start: \+Y' in line 2.*--angle-zero"):
+    with pytest.raises(lb.InputError, match=r"'Start: \+Y' in line 2 may name it.*--angle-zero"):
         lb.import_campaign(path)
     layout = lb.reading.Layout(angle_zero="+Y")
     (test,) = lb.import_campaign(path, layout=layout).campaign.tests
