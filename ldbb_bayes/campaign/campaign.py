@@ -246,6 +246,7 @@ class Campaign(CampaignFields):
         for test in self.scope:
             if test.plane != self.plane:
                 check_known(f"plane of {test.label}", [str(test.plane)], PLANES)
+        _check_radii(self.scope)
         object.__setattr__(self, "frames_mm", dict(self.machine().frames_mm))
         object.__setattr__(self, "machine_id", self.machine_id or self.serial_number)
 
@@ -510,6 +511,23 @@ def _digested_fields(test: CircularTest) -> list[Any]:
         if stated != usual:
             digested.append([name, stated])
     return digested
+
+
+def _check_radii(tests: Sequence[CircularTest]) -> None:
+    """Raise an `InputError` if radii of tests differ, but have the same first six digits.
+
+    Each radius has a bar length of its own, which is named by these digits.
+    """
+    first_with: dict[str, CircularTest] = {}
+    for test in tests:
+        radius_mm = test.circle.radius_mm
+        first = first_with.setdefault(f"{radius_mm:g}", test)
+        require(
+            radius_mm == first.circle.radius_mm,
+            f"radius_mm must be the same in {first.label} and {test.label}, or differ in its first"
+            f" six digits, got {first.circle.radius_mm!r} and {radius_mm!r}. Give both tests the"
+            " nominal radius.",
+        )
 
 
 def _name_tests(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:

@@ -121,6 +121,11 @@ def test_forces_that_no_regulator_sets_apart_are_one_level() -> None:
         ((make(force_N=None, pressure_bar=0.01),), {}, "force > 0"),
         ((make(name="a"), make(name="a")), {}, "'a' twice"),
         ((make(), make(reading_um=None, name="p")), {}, "got test 'p' without"),
+        (
+            (make(name="a", radius_mm=150.0), make(name="b", radius_mm=150.0005)),
+            {},
+            "radius_mm must be the same in test 'a' and test 'b', or differ in its first six",
+        ),
         ((make(),), {"plane": "XZ"}, "plane must be one of"),
         (
             (make(), make(plane="YZ")),
