@@ -422,6 +422,22 @@ def test_no_goal_is_suggested_that_is_no_less_than_the_present_one(share_of_pres
     assert hardly == (share_of_present == 0.99)
 
 
+def test_circles_that_are_added_need_not_have_the_clocking_of_the_pilot():
+    """One circle with turned balls is enough; with the balls as they were it would not help."""
+    turned = (90.0, 90.0)
+    for clockings in ((turned,), ((0.0, 0.0), turned)):
+        design = lb.design(
+            MODEL,
+            PILOT,
+            goals={"E_C0YX": "45 µrad"},
+            forces_N=FORCES,
+            clockings_deg=clockings,
+            augment=True,
+        )
+        (test,) = design.best.plan().tests
+        assert (test.work_ball_deg, test.tool_ball_deg) == turned
+
+
 def test_a_goal_just_below_what_remains_reads_as_less_than_it():
     """Of 5.43 and 5.40 two digits would be the same."""
     far = lb.design(MODEL, PILOT, goals={"E_C0YX": "1e-3 µrad"}, forces_N=FORCES)

@@ -234,16 +234,19 @@ def families_of(
     """Yield the families of campaigns among which the cheapest campaign is sought.
 
     The campaigns of one family use the same clockings, the same radii and the same certificates.
-    There is one family for each combination of three choices: a subset of the clockings that
-    contains the first clocking, a non-empty subset of the radii, and one of the sets in
-    ``sets_of_certificates`` (certificates that could be bought). ``space`` holds the clockings and
-    radii to choose from. ``goals`` are the goals for uncertainties, ``states`` are the possible
+    There is one family for each combination of three choices: a non-empty subset of the clockings,
+    a non-empty subset of the radii, and one of the sets in ``sets_of_certificates`` (certificates
+    that could be bought). Subsets of the clockings contain the first clocking, because only the
+    difference between the clockings of a campaign matters; if the circles are added to those of the
+    pilot, which have clockings of their own, any subset is possible. ``space`` holds the clockings
+    and radii to choose from. ``goals`` are the goals for uncertainties, ``states`` are the possible
     states of the machine, and ``truncation`` are the ratios of `CampaignFamily.truncation`; all are
     the same for all families.
     """
-    first = space.clockings_deg[0]
-    others = space.clockings_deg[1:]
-    clocking_sets = [(first, *chosen) for chosen in _subsets(others)]
+    clocking_sets = [chosen for chosen in _subsets(space.clockings_deg) if chosen]
+    if not space.augment:
+        first = space.clockings_deg[0]
+        clocking_sets = [chosen for chosen in clocking_sets if first in chosen]
     radius_sets = [chosen for chosen in _subsets(space.radii_mm) if chosen]
     for clockings, radii, offers in product(clocking_sets, radius_sets, sets_of_certificates):
         narrowed = replace(space, clockings_deg=clockings, radii_mm=radii)
