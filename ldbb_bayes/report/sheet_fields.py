@@ -269,13 +269,19 @@ def _mount_text(campaign: Campaign, words: Words) -> str:
     """Return a string on the deflection of the bar's mount under pressure [µm/bar].
 
     The string states whether the readings were already compensated for this deflection, and has the
-    mark *stated* or *assumed*.
+    mark *stated* or *assumed*. If they were not, the mark is that of the subtracted deflection: it
+    is assumed if it is the usual one and no certificate states its uncertainty.
     """
     mount = campaign.mount
+    usual = MountCompensation()
     key = "compensated" if mount.compensated else "not_compensated"
     deflection = words.number(f"{mount.deflection_um_per_bar:g}")
     text = words(f"assumptions.{key}", deflection=deflection)
-    return _marked(text, mount != MountCompensation(), words)
+    is_stated = mount != usual
+    if not mount.compensated:
+        is_usual = mount.deflection_um_per_bar == usual.deflection_um_per_bar
+        is_stated = not is_usual or campaign.instrument.mount_U_percent is not None
+    return _marked(text, is_stated, words)
 
 
 def _force_law_text(campaign: Campaign, words: Words) -> str:

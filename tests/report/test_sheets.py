@@ -955,11 +955,26 @@ def test_what_decides_a_number_is_marked(rests_on: dict[str, str], name: str, te
     assert rests_on[name] == text
 
 
-def test_a_value_that_is_not_the_default_is_stated() -> None:
-    campaign = simulated(plan(compensated=False))
+@pytest.mark.parametrize(
+    ("deflection_um_per_bar", "mount_u", "text"),
+    [
+        (2.33, None, "not compensated: 2.33 µm/bar subtracted (assumed)"),
+        (2.33, 2.0, "not compensated: 2.33 µm/bar subtracted (stated)"),
+        (2.52, None, "not compensated: 2.52 µm/bar subtracted (stated)"),
+    ],
+)
+def test_a_deflection_that_is_subtracted_is_stated_or_assumed(
+    deflection_um_per_bar: float, mount_u: float | None, text: str
+) -> None:
+    """That the readings are not compensated does not state how large the deflection is."""
+    mount = lb.campaign.MountCompensation(
+        compensated=False, deflection_um_per_bar=deflection_um_per_bar
+    )
+    instrument = lb.Instrument(mount_U_percent=mount_u)
+    measured = simulated(plan(compensated=False))
+    campaign = replace(measured, name=text, mount=mount, instrument=instrument)
     numbers = SheetNumbers(findings_of(campaign), words_of("en"), 389.0)
-    text = dict(assumption_fields(numbers))["Readings, work ball's mount"]
-    assert text == "not compensated: 2.33 µm/bar subtracted (stated)"
+    assert dict(assumption_fields(numbers))["Readings, work ball's mount"] == text
 
 
 def test_what_the_user_states_of_effects_and_priors_is_marked_as_in_verdicts() -> None:
